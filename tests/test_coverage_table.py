@@ -149,3 +149,16 @@ def test_rows_are_kept_and_replaced_by_case(tmp_path: Path) -> None:
     assert "0.90, 2.00, 0.100" in line
     assert "3 of 4" in line
     assert "1 of 2" in line  # cases
+
+
+def test_crps_is_the_integral_of_the_squared_difference_of_distributions() -> None:
+    """By its definition; without a spread it is the absolute error."""
+    x = np.linspace(-20.0, 20.0, 40001)
+    for error, deviation in ((0.0, 1.0), (1.5, 0.7), (-3.0, 2.0)):
+        cumulated = np.cumsum(np.exp(-0.5 * (x / deviation) ** 2)) * (x[1] - x[0])
+        cumulated /= cumulated[-1]
+        expected = np.sum((cumulated - (x >= error)) ** 2) * (x[1] - x[0])
+        own = bands.crps(np.array([error]), np.array([deviation]))[0]
+        assert own == pytest.approx(expected, rel=2e-3)
+    assert bands.crps(np.array([-2.0]), np.array([0.0]))[0] == pytest.approx(2.0)
+    assert bands.half_width(np.array([2.0]))[0] == pytest.approx(2.0 * 1.6449, rel=1e-4)

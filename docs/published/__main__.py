@@ -12,7 +12,7 @@ from pathlib import Path
 from docs.published.page import NOTE, published_grid, summary_grids, write_published
 from docs.published.printed import by_table, judged, read_folder
 from seatrial.models.errors import SeatrialError
-from seatrial.runner.compare.cli import show_grids
+from seatrial.runner.compare.cli import show
 from seatrial.runner.compare.frame import open_results
 from seatrial.runner.compare.grid import OutputFormat
 from seatrial.runner.configuration.invocation import DEFAULT_DATABASE
@@ -47,7 +47,7 @@ def main(words: Sequence[str] | None = None) -> int:
     else:
         grids = [published_grid(rows) for table in tables for rows in by_table(table)]
         grids[-1] = replace(grids[-1], notes=[NOTE])
-    show_grids(grids, options.format)
+    show(grids, options.format)
     if options.page is not None:
         print(options.page, file=sys.stderr)
     return 0

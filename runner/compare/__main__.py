@@ -19,15 +19,14 @@ from seatrial.runner.configuration.invocation import import_from_working_folder,
 from seatrial.runner.database.terminal import error_line, refuse_passwords
 
 
-def main(arguments: Sequence[str] | None = None) -> None:
+def main() -> None:
     """Run the command line and exit; a user error is printed as one line on stderr."""
     import_from_working_folder()
-    sys.exit(run(arguments))
+    sys.exit(run(sys.argv[1:]))
 
 
-def run(arguments: Sequence[str] | None = None) -> int:
-    """Run one command line and return its exit code; None takes the arguments of this process."""
-    words = sys.argv[1:] if arguments is None else list(arguments)
+def run(words: Sequence[str]) -> int:
+    """Run one command line and return its exit code."""
     if isinstance(sys.stdout, TextIOWrapper):
         sys.stdout.reconfigure(errors="replace")  # what its encoding does not have
     if words and "--help" not in words:

@@ -9,8 +9,7 @@ import pandas as pd
 from markupsafe import Markup
 
 from seatrial.runner.compare import page as pages
-from seatrial.runner.compare.benchmark.scores import REFERENCES
-from seatrial.runner.compare.benchmark.task import located
+from seatrial.runner.compare.benchmark import REFERENCES, located
 from seatrial.runner.compare.frame import FINISHED, Queries
 from seatrial.runner.compare.grid import Scalar, TextTable, grid_of, one_line
 from seatrial.runner.compare.leaderboard import Board, leaderboard, overall, summary

@@ -4,7 +4,10 @@ This module and the commands are imported by --help and therefore import nothing
 loaded at its first use.
 """
 
+import csv
 import inspect
+import json
+import re
 import shutil
 import sys
 from collections.abc import Callable, Iterable, Sequence
@@ -24,15 +27,25 @@ from seatrial.runner.configuration.invocation import DEFAULT_DATABASE, program_v
 from seatrial.runner.record.catalogue import all_declared
 
 if TYPE_CHECKING:
+    import pydantic
+
+    from seatrial.runner.configuration import options
+
     frame: Any
-else:  # by name: it imports options from here
+else:  # by name: frame imports options from here
     import lazy_loader
 
-    frame = lazy_loader.load("seatrial.runner.compare.frame", suppress_warning=True)
+    pydantic, frame, options = (
+        lazy_loader.load(name, suppress_warning=True)
+        for name in (
+            "pydantic", "seatrial.runner.compare.frame", "seatrial.runner.configuration.options"
+        )
+    )  # fmt: skip
 
 MOST_CELLS = 250_000  # of a table, at about 3 kB
 MAX_ROWS = 1_000_000_000  # rows that --limit may ask for
 LATEST = 0  # the number of the newest run, before it is known
+INVALID = re.compile(r"Invalid value for '([^']*)'[^:]*: ")  # of the parser's messages
 Names = tuple[str, ...]
 F = TypeVar("F", bound=Callable[..., Any])
 app = typer.Typer(name="seatrial-results", no_args_is_help=True, pretty_exceptions_enable=False)
@@ -59,84 +72,12 @@ def _completing(names: Callable[[], Iterable[str]]) -> Callable[[str], list[str]
     return completed
 
 
-# The options of all commands by name, or by command and name where these differ.
-HELP = {
-    "at": "Operating point of a linear model: u=0.5,psi=1.57,wind_north=5 (m/s, rad, rad/s)."
-    "  [default: at rest; for statespace the identified linear model, if there is one]",
-    "band": "Level of the bands about a prediction.",
-    "baseline": "Reference, such as identifier=none; adds ratio, paired test and wins.",
-    "cells": "Most cells, rows times columns.",
-    "coefficient": "Term whose coefficient is shown, such as u_dot.",
-    "coefficients": "All coefficients, by DOF and term.",
-    "columns": "Factors of the columns, or none.  [default: disturbance]",
-    "command": "Print only the command that repeats it.",
-    "database": "URL or file of the logbook; SEATRIAL_DATABASE for the URL in this variable.",
-    "digits": "Significant digits.",
-    "dof": "surge, sway, yaw, position, ... or all.",
-    "entrant": "An entrant, beside those of the task.",
-    "facet": "One figure for each level of this factor.",
-    "folder": "Output folder.",
-    "force": "Replace files that exist.",
-    "form": "Output format of the table.",
-    "helm": "Input that turns the ship.  [default: the run's, or delta]",
-    "kind": "Kind of figure: a name below.",
-    "length": "Length of the ship [m], if it is not stored.",
-    "limit": "Largest number of rows, of runs the newest.",
-    "log": "Scale of the bars.  [default: by the range of the values]",
-    "manoeuvre": "Kind of manoeuvre.  [default: turn or zigzag, by the helm]",
-    "map_file": "Map of the columns.",
-    "metric": "Metric (see: metrics); repeated or comma-separated.",
-    "model": "nominal, identified, plant, or all.  [default: identified]",
-    "model model": "Which model.",
-    "model output": "Path of the file.  [default: named by the vessel and the run]",
-    "model to": "yaml, json, statespace, python-control, mss, pvs, gazebo, vrx, c or fmu.",
-    "output": "Folder of the files.  [default: figures in the results folder]",
-    "page": "Also write tables and free runs to this HTML file.",
-    "plot metric": "Metric of the bars.",
-    "plot model": "nominal, identified or plant.",
-    "plot run": "Run of a figure over time.  [default: newest]",
-    "pool": "Factors that a cell may average over, or all.",
-    "prune status": "failed, diverged, interrupted, finished.",
-    "query": "A query that only reads.",
-    "report output": "Output file.  [default: report/report.html in the results folder]",
-    "results_dir": "Folder of the series files, if not beside the database.",
-    "retry status": "failed, diverged, interrupted.  [default: failed, interrupted]",
-    "rows": "Factors of the rows, comma-separated.  [default: identifier]",
-    "run": "Number of the run, or latest.",
-    "runs": "Newest runs with details and time series.",
-    "scale": "Length of the ship over that of the model.",
-    "site to": "Output folder.  [default: site in the results folder]",
-    "stage": "validation, deployment, identification.",
-    "statistic": "mean, std, n, median, min, max, q05 ... q95, ci.",
-    "status": "Only runs of this status.",
-    "subject": "A run (a number, or latest) or a recording.",
-    "summary": "Only one line for each task.",
-    "sweep": "Sweeps of this number, name or tag, or all.  [default: the newest sweep]",
-    "task": "A task; by default all.",
-    "timeout": "Longest time of the query [s].",
-    "title": "Title of the page.",
-    "to": "A file ending in .html, .gif or .mp4; MP4 needs the program ffmpeg."
-    "  [default: an HTML file in the folder of the figures]",
-    "traceback": "Print only its traceback.",
-    "where": 'Only runs that meet this condition: "seed<10 and identifier=ls".',
-    "width": "A PDF for print of this width, 86 or 178 mm or a number, instead of PNG and SVG.",
-    "yes": "Delete; without it the runs are only listed.",
-} | dict.fromkeys(
-    ("runs sweep", "audit sweep"), "Sweeps of this number, name or tag, or all.  [default: all]"
-)
-FLAGS = {  # where they are more than the name
-    "columns": ("--columns", "-c"), "form": ("--format", "-f"), "log": ("--log/--linear",),
-    "map_file": ("--map",), "metric": ("--metric", "-m"), "output": ("--output", "-o"),
-    "rows": ("--rows", "-r"), "statistic": ("--statistic", "-s"),
-}  # fmt: skip
-METRIC_NAMES = _completing(lambda: [metric.name for metric in all_declared()])
-MORE: dict[str, dict[str, Any]] = {
-    "cells": {"min": 1}, "digits": {"min": 1, "max": 15}, "length": {"min": 1e-3},
-    "kind": {"autocompletion": _completing(figures)}, "limit": {"min": 1, "max": MAX_ROWS},
-    "metric": {"autocompletion": METRIC_NAMES}, "run": {"parser": _run_number, "metavar": "RUN"},
-    "runs": {"min": 0, "max": MAX_ROWS}, "scale": {"min": 1.0},
-    "subject": {"metavar": "RUN|FILE"}, "timeout": {"min": 0.001, "max": 86400.0},
-    "width": {"metavar": "column|page|MM"},
+# The options of the commands by name, or by command and name where these differ.
+with Path(__file__).with_name("options.csv").open(encoding="utf-8", newline="") as _file:
+    OPTIONS = {row["option"]: row for row in csv.DictReader(_file)}
+PARSED: dict[str, dict[str, Any]] = {
+    "run": {"parser": _run_number}, "kind": {"autocompletion": _completing(figures)},
+    "metric": {"autocompletion": _completing(lambda: [metric.name for metric in all_declared()])},
 }  # fmt: skip
 
 
@@ -146,13 +87,14 @@ def _described(command: str, parameter: inspect.Parameter) -> inspect.Parameter:
     It is an argument if it has no default and may be given by its place.
     """
     name, keyword = parameter.name, inspect.Parameter.KEYWORD_ONLY
-    own = f"{command} {name}"
-    told: dict[str, Any] = {"help": HELP.get(own) or HELP[name]}
-    told |= MORE.get(own) or MORE.get(name, {})
+    row = OPTIONS.get(f"{command} {name}") or OPTIONS[name]
+    told: dict[str, Any] = {key: value or None for key, value in row.items()}
+    flags = (told.pop("flags") or f"--{name.replace('_', '-')}").split()
+    told |= {bound: json.loads(row[bound] or "null") for bound in ("min", "max")}
+    told |= PARSED.get(told.pop("option").split()[-1], {})
+    info: Any = typer.Option(*flags, **told)
     if parameter.default is parameter.empty and parameter.kind is not keyword:
-        info: Any = typer.Argument(**told)
-    else:
-        info = typer.Option(*FLAGS.get(name, (f"--{name.replace('_', '-')}",)), **told)
+        info = typer.Argument(**told)
     annotated: Any = Annotated
     return parameter.replace(kind=keyword, annotation=annotated[parameter.annotation, info])
 
@@ -191,9 +133,6 @@ class TableOptions:
     cells: int = MOST_CELLS
 
     def __post_init__(self) -> None:
-        for name, value in vars(self).copy().items():
-            if isinstance(value, list | tuple):  # whose values may be comma-separated
-                object.__setattr__(self, name, list(split(value)) or None)
         if self.of_coefficients and self.metric:
             raise ConfigurationError("--metric and --coefficient: got both, expected one of them")
         for twice in {*self.axes[0]} & {*self.axes[1]}:
@@ -272,8 +211,8 @@ def command(database: str = DEFAULT_DATABASE, **more: Any) -> Callable[[F], F]:
 
         def run(**values: Any) -> None:
             given = {each: values[each] for each in own}
-            lists = {n: list(split(v)) for n, v in given.items() if isinstance(v, list | tuple)}
-            given |= {n: names or None for n, names in lists.items()}
+            lists = {n: v for n, v in given.items() if isinstance(v, list | tuple)}
+            given |= {n: list(split(v)) or None for n, v in lists.items()}
             place = values.get("database", database), values.get("results_dir")
             results: Any  # None of a function that does not take them
             with frame.open_results(*place) if opens else nullcontext() as results:
@@ -309,7 +248,15 @@ def run_typer(program: typer.Typer, words: Sequence[str]) -> int:
             raise
         command = name.removeprefix("seatrial ")
         place = "" if command == name else f"{command}: "
-        raise ConfigurationError(place + error.format_message()) from error
+        text = INVALID.sub(r"\1: ", error.format_message())
+        if isinstance(error.__cause__, pydantic.ValidationError):
+            problem = error.__cause__.errors()[0]  # in the words for options of a configuration
+            bound = problem["msg"].replace("Input should be", "a number")
+            expected = options.EXPECTED.get(problem["type"].replace("_parsing", "_type"), bound)
+            if choices := problem["msg"].partition(" is not one of ")[2]:
+                expected = f"one of {choices.strip('.')}".replace("'", "")
+            text = f"{text.partition(':')[0]}: got {problem['input']!r}, expected {expected}"
+        raise ConfigurationError(place + text) from error
     return code if isinstance(code, int) else 0
 
 
@@ -322,24 +269,21 @@ def newest(results: Any) -> int:
 
 
 def show(result: Any, form: OutputFormat = OutputFormat.RICH) -> None:
-    """Print what a command returns: a table, several, paths, or text; nothing for None."""
+    """Print what a command returns: a table, several, paths, or text; nothing for None.
+
+    On a terminal, tables are fitted to its width.
+    """
     results = result if isinstance(result, list) else [] if result is None else [result]
-    if results and isinstance(results[0], TextTable):
-        show_grids(results, form)
-    else:
+    if not any(isinstance(each, TextTable) for each in results):
         for each in results:
             typer.echo(each)
-
-
-def show_grids(grids: Sequence[TextTable], form: OutputFormat) -> None:
-    """Print grids one after the other; on a terminal they are fitted to its width."""
+        return
     terminal = sys.stdout.isatty()
     width = shutil.get_terminal_size().columns if terminal else None
-    texts = [render(grid, form, width, colour=terminal) for grid in grids]
+    texts = [render(grid, form, width, colour=terminal) for grid in results]
     if form is OutputFormat.JSON and len(texts) > 1:
-        typer.echo("[" + ",\n".join(texts) + "]")
-    else:
-        print("\n\n".join(texts))
+        texts = ["[" + ",\n".join(texts) + "]"]
+    print("\n\n".join(texts))
 
 
 def shown_path(path: Path) -> Path:

@@ -7,6 +7,7 @@ import typer
 from typer.core import TyperCommand
 
 from seatrial.models.errors import ConfigurationError, LogbookError
+from seatrial.models.notation import Manoeuvre
 from seatrial.runner import compare
 from seatrial.runner import database as databases
 from seatrial.runner import export as exports
@@ -120,23 +121,18 @@ def metrics() -> TextTable:
 
 @command()
 def manoeuvres(
-    subject: str,
-    manoeuvre: Literal["turn", "zigzag", "spiral", "reverse_spiral", "williamson", "stop"]
-    | None = None,
-    helm: str | None = None,
-    length: float | None = None,
-    scale: float = 1.0,
-    map_file: Path | None = None,
-    database: str = DEFAULT_DATABASE,
-    results_dir: Path | None = None,
-) -> TextTable:
+    subject: str, manoeuvre: Manoeuvre | None = None, helm: str | None = None,
+    length: float | None = None, scale: float = 1.0, map_file: Path | None = None,
+    database: str = DEFAULT_DATABASE, results_dir: Path | None = None,
+) -> TextTable:  # fmt: skip
     """Print the sheet of a manoeuvre beside the limits of IMO resolution MSC.137(76).
 
     The measures are those of a turning circle, zig-zag, spiral, Williamson turn or stop.
     """
     sheets = compare.manoeuvre_comparison
     if not cli.is_run(subject) or Path(subject).exists():
-        return sheets.file_sheet(Path(subject), map_file, manoeuvre, helm, length, scale)
+        recorded = exports.manoeuvre_tracks.file_track(Path(subject), map_file, helm, length)
+        return sheets.sheet_of(recorded, subject, manoeuvre, scale)
     with compare.frame.open_results(database, results_dir) as results:
         run = cli.newest(results) if subject == "latest" else int(subject)
         return sheets.run_sheet(results, run, manoeuvre, helm, length, scale)
@@ -183,8 +179,7 @@ def report(
     """Write one HTML file with tables, figures, failures and provenance; it needs no network."""
     options = TableOptions(rows, columns, where=where, sweep=sweep)
     file = output or cli.shown_path(results.reader.results_dir / "report" / "report.html")
-    write = compare.page.write_page
-    write(compare.report.render_report(results, options, database, title), file)
+    compare.page.write_page(compare.report.render_report(results, options, database, title), file)
     return file
 
 
@@ -204,8 +199,7 @@ def site(
 def retry(results: "Queries", status: Several = None, where: str | None = None) -> list[str]:
     """Print the commands that repeat failed trials: `retry | sh` runs them."""
     statuses = status or ["failed", "interrupted"]
-    compare.runs.check_statuses(statuses, LOST)
-    lost = compare.runs.runs_of(results, results.where(where), statuses)
+    lost = compare.runs.runs_of(results, results.where(where), statuses, known=LOST)
     details = [results.reader.run(run.run_id) for run in reversed(lost) if not run.superseded]
     if not details:
         typer.echo(f"nothing to retry: no trial is {' or '.join(statuses)}", err=True)
@@ -227,19 +221,14 @@ def prune(
     results: "Queries", status: Several = None, where: str | None = None, yes: bool = False
 ) -> TextTable:
     """Show which runs would be deleted with their files, and with --yes delete them."""
-    statuses = status or []
-    compare.runs.check_statuses(statuses, (*LOST, "finished"))
-    if not (statuses or where):
+    if not (status or where):
         raise ConfigurationError("prune: got no choice of runs, expected --status or --where")
-    ended = results.where(f"status in ({', '.join(statuses or (*LOST, 'finished'))})")
-    conditions = [*results.clauses(ended), *results.clauses(results.where(where))]
-    summaries = results.reader.runs(*conditions)
+    known, condition = [*LOST, "finished"], results.where(where)
+    summaries = compare.runs.runs_of(results, condition, status or known, known=known)[::-1]
     title = f"{len(summaries)} runs with {sum(run.series for run in summaries)} series"
     grid = compare.runs.run_table(results, summaries, title)
-    if not (yes and summaries):
-        if summaries:
-            message = "nothing is deleted yet: --yes deletes these runs and their files"
-            typer.echo(message, err=True)
+    if not yes:
+        typer.echo("nothing is deleted yet: --yes deletes these runs and their files", err=True)
         return grid
     reader = results.reader
     reader.close()  # the last to close a SQLite file completes it
@@ -247,9 +236,9 @@ def prune(
         reader.address.url, results_dir=reader.results_dir, create=False
     ) as logbook:
         deleted, files, left = logbook.prune([run.run_id for run in summaries])
-    running = len(summaries) - deleted
     text = f"deleted {deleted} runs and {files} files"
-    text += f"; {running} are running again and were not deleted" if running else ""
+    if running := len(summaries) - deleted:
+        text += f"; {running} are running again and were not deleted"
     if left:
         raise LogbookError(f"{text}; could not delete {', '.join(left)}")
     typer.echo(text, err=True)
@@ -265,11 +254,11 @@ def verify(results: "Queries", form: OutputFormat = OutputFormat.RICH) -> None:
     report = results.reader.verify()
     rows = [[*problem] for problem in report.problems]
     rows += [[str(path), "unused: this file belongs to no run"] for path in report.leftovers]
-    verdict = f"{len(report.problems)} problems" if report.problems else "no problems"
-    if report.leftovers:
-        verdict += f", {len(report.leftovers)} unused files"
-    title = f"checked {report.runs} runs and {report.series} series files: {verdict}"
-    cli.show_grids([grid_of(title, ("where", "problem"), rows, labels=2)], form)
+    counts = (
+        f"{len(report.problems) or 'no'} problems, {len(report.leftovers) or 'no'} unused files"
+    )
+    title = f"checked {report.runs} runs and {report.series} series files: {counts}"
+    cli.show(grid_of(title, ("where", "problem"), rows, labels=2), form)
     if report.problems:
         raise typer.Exit(1)
 

@@ -12,27 +12,24 @@ import math
 import re
 from collections import defaultdict
 from collections.abc import Iterable, Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from functools import cached_property
 from itertools import combinations
-from pathlib import Path
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 import pandas as pd
 import scipy  # its subpackages are loaded at their first use
 import sqlalchemy as sa
 
-from seatrial.runner.compare.benchmark import scores
-from seatrial.runner.compare.benchmark.scores import AT_REST, POSITION, REFERENCES
-from seatrial.runner.compare.benchmark.task import GROUP, Task, cells, task_of
+from seatrial.runner.compare import benchmark
+from seatrial.runner.compare.benchmark import AT_REST, POSITION, REFERENCES, Task
 from seatrial.runner.compare.frame import FINISHED, Queries
 from seatrial.runner.compare.grid import TableCell, TextTable, number_text
 from seatrial.runner.compare.statistics import equal, holm
 from seatrial.runner.configuration import search_path
 from seatrial.runner.configuration.invocation import trial_program
-from seatrial.runner.database import series_files
-from seatrial.runner.database.tables import DiagnosticRow, RunRow, SeriesRow
+from seatrial.runner.database.tables import RunRow
 from seatrial.runner.record.rows import Series
 from seatrial.runner.record.vocabulary import ENDINGS, NO_RESULT, TRAINING_TIME
 
@@ -42,7 +39,7 @@ SPELLING = re.compile(r"[\s'\"]+")
 # folder of outside data, has the same runs.
 PATH = re.compile(r'(?:/[^/",\]]+)*/([^/",\]]+/[^/",\]]+)(?=[",\]]|$)')
 CELL = ["task", "case", "seed"]  # what is the same for all entrants of a cell
-LOST: dict[str, Any] = dict.fromkeys(("score", "free_run"), scores.NOTHING)
+LOST: dict[str, Any] = dict.fromkeys(("score", "free_run"), benchmark.NOTHING)
 LOST |= {"after": {}, "loss": math.inf}
 ENTRY = [*CELL, "entrant", "run", "status", "error", "duration_s", "training_s", *LOST]
 COMPARED = ("auto", "none", *REFERENCES)  # entrants that the summary shows beside the first one
@@ -55,8 +52,7 @@ BOLD = (
 NO_SKILL = "no skill: none, or a trivial rival, is at least as good as the first entrant"
 
 
-@dataclass(frozen=True, eq=False)
-class Ranking:
+class Ranking(NamedTuple):
     """Entrants over a number of cases.
 
     `mean_ranks` are by entrant, the best first: 1 is best, NaN without a case. `alike` says of
@@ -129,7 +125,7 @@ class Board:
     @property
     def score(self) -> str:
         """What the task ranks by, with its unit: a column of `standings`."""
-        after = "" if self.task.score == "free_run" else f" after {self.task.after_s:g} s"
+        after = "" if self.task.score == "free_run" else f" after {self.task.horizons_s[-1]:g} s"
         return f"position error{after} [m]" if self.task.score == "position" else f"FIT{after} [%]"
 
     @cached_property
@@ -142,10 +138,9 @@ class Board:
         ranks, (first, *others) = self.contest, self.contest.mean_ranks.index
         if 0.5 ** (ranks.cases - 1) * math.comb(len(ranks.mean_ranks), 2) < SIGNIFICANCE:
             return [first, *(name for name in others if ranks.alike.loc[first, name])]
-        own = self.entries[~self.entries["entrant"].isin(REFERENCES)]
-        cells = own.pivot(index=CELL, columns="entrant", values="score")
-        cells = cells.loc[losses_of(own, CELL).index]
-        values = holm([scores.chance(cells[first], cells[name]) for name in others])
+        cells = self.entries.pivot(index=CELL, columns="entrant", values="score")
+        cells = cells.loc[self.losses.index]
+        values = holm([benchmark.chance([*cells[first]], [*cells[name]]) for name in others])
         return [first, *(n for n, p in zip(others, values, strict=True) if p >= SIGNIFICANCE)]
 
     @cached_property
@@ -156,26 +151,25 @@ class Board:
         NRMSE of the predictions over it. `in 90 % band` is the share of the outputs of the free run
         that were measured in the band.
         """
-        rows = {}
+        rows, unknown = {}, np.full(len(self.task.outputs), math.nan)
         for name, own in self.entries.groupby("entrant"):
             good = own.loc[np.isfinite(own["loss"]), "score"].tolist()
             row = {"rank": self.ranked.mean_ranks[name], self.score: _mean(own["loss"])}
             if self.task.score != "position":
-                unknown = np.full(len(self.task.outputs), math.nan)
-                fits = 100.0 - 100.0 * (scores.pooled(good) if good else unknown)
+                fits = 100.0 - 100.0 * (benchmark.pooled(good) if good else unknown)
                 row |= {self.score: np.mean(fits), "90 %": "–"}
                 row |= dict(zip((f"{dof} FIT" for dof in self.task.outputs), fits, strict=True))
                 if good:
-                    high, low = 100.0 - 100.0 * scores.interval(good)
+                    high, low = 100.0 - 100.0 * benchmark.interval(good)
                     row["90 %"] = f"{low:.0f} to {high:.0f}"
             for s in self.task.horizons_s:
                 row[f"NRMSE {s:g} s"] = _mean(*(after[s] for after in own["after"] if after))
             free = [each for each in own["free_run"] if math.isfinite(each.loss)]
-            covered = _mean(*(each.covered for each in free))
-            row[f"in {100.0 * scores.BAND_LEVEL:.0f} % band [%]"] = 100.0 * covered
-            row["CRPS"] = _mean(*(each.crps for each in free))
-            row["diverged"] = f"{np.isinf(own['loss']).sum()} of {len(own)}"
-            rows[name] = row | {"training [s]": _mean(own["training_s"])}
+            rows[name] = row | {
+                "in 90 % band [%]": 100.0 * _mean(*(each.covered for each in free)),
+                "diverged": f"{np.isinf(own['loss']).sum()} of {len(own)}",
+                "training [s]": _mean(own["training_s"]),
+            }
         return pd.DataFrame.from_dict(rows, orient="index").loc[self.ranked.mean_ranks.index]
 
 
@@ -196,17 +190,12 @@ def boards(
     results: Queries, tasks: Sequence[str] = (), entrants: Sequence[str] = ()
 ) -> list[Board]:
     """Return the boards of the named tasks, by default all, with further entrants."""
-    run, spent, series = RunRow, DiagnosticRow, SeriesRow.__table__.c
-    query = sa.select(
-        *(run.id.label("run"), run.overrides, run.status, run.error, run.duration_s),
-        *(spent.value.label("training_s"), series.kind, series.path, series.sha256, series.columns),
-    ).where(run.status.in_(ENDINGS)).order_by(run.id)  # fmt: skip
-    timed = sa.and_(spent.run_id == run.id, spent.name == TRAINING_TIME)
-    predicted = sa.and_(series.run_id == run.id, series.kind == "prediction")
-    rows = results.reader.select(query.outerjoin(spent, timed).outerjoin(SeriesRow, predicted))
+    run = RunRow
+    query = sa.select(run.id.label("run"), run.overrides, run.status, run.error, run.duration_s)
+    rows = results.reader.select(query.where(run.status.in_(ENDINGS)).order_by(run.id))
     newest, found = {_normal(row.overrides): row for row in rows}, list[Board]()
-    for task in map(task_of, tasks or search_path.options(GROUP)):
-        entries = _entries(task, entrants, newest, results.reader.results_dir)
+    for task in map(benchmark.task_of, tasks or search_path.options(benchmark.GROUP)):
+        entries = _entries(results, task, entrants, newest)
         losses = losses_of(entries, CELL)
         contest = ranking(losses.drop(columns=[*REFERENCES], errors="ignore"))
         found.append(Board(task, entries, losses, ranking(losses), contest))
@@ -214,21 +203,23 @@ def boards(
 
 
 def _entries(
-    task: Task, entrants: Sequence[str], newest: Mapping[tuple[str, ...], Any], folder: Path
+    results: Queries, task: Task, entrants: Sequence[str], newest: Mapping[tuple[str, ...], Any]
 ) -> pd.DataFrame:
     """Return the cells that have been run, each with its newest run, and then the trivial rivals.
 
     These have the cells in which some entrant has a prediction; one at rest has a position only.
     """
+    spent = results.diagnostics([TRAINING_TIME]).set_index("run")["value"]
     own, trivial = list[dict[str, Any]](), dict[tuple[str, int, str], dict[str, Any]]()
-    for cell in cells(task, [*task.entrants, *entrants]):
+    for cell in benchmark.cells(task, [*task.entrants, *entrants]):
         row = newest.get(_normal(cell.options))
         if row is None:
             continue
-        own.append(cell._asdict() | row._asdict() | LOST)
-        if row.status != FINISHED or row.kind is None:
+        own.append(cell._asdict() | row._asdict() | LOST | {"training_s": spent.get(row.run)})
+        kinds = {file.kind for file in results.reader.series_files(row.run)}
+        if row.status != FINISHED or "prediction" not in kinds:
             continue
-        series = series_files.read(folder, row)
+        series = results.reader.series(row.run, "prediction")
         own[-1] |= _scores(series, "identified", task)
         for name in REFERENCES if task.score == "position" else REFERENCES[:-1]:
             if (cell.case, cell.seed, name) not in trivial:
@@ -240,12 +231,12 @@ def _entries(
 
 def _scores(series: Series, model: str, task: Task) -> dict[str, Any]:
     """Return the score that the task ranks by, and the errors over other times."""
-    score = free_run = scores.score(series, model, task.outputs)
+    score = free_run = benchmark.score(series, model, task.outputs)
     if task.score != "free_run":
         outputs = POSITION if task.score == "position" else task.outputs
-        score = scores.score(series, model, outputs, task.after_s)
+        score = benchmark.score(series, model, outputs, task.horizons_s[-1])
     ahead = task.horizons_s if math.isfinite(score.loss) else ()
-    after = {s: scores.score(series, model, task.outputs, s).loss for s in ahead}
+    after = {s: benchmark.score(series, model, task.outputs, s).loss for s in ahead}
     return {"score": score, "free_run": free_run, "after": after, "loss": score.loss}
 
 
@@ -281,7 +272,7 @@ def leaderboard(board: Board) -> TextTable:
         rows[-1] += [_cell(value, bold.get(str(header), False)) for header, value in row.items()]
     notes = [
         f"{cells} cell{'s'[: cells != 1]} that all entrants have run; rank: mean over them, 1 is"
-        " best; FIT, NRMSE, band, CRPS: of cells that did not diverge",
+        " best; FIT, NRMSE, band: of cells that did not diverge",
         BOLD,
     ]
     if not rows:
@@ -289,12 +280,12 @@ def leaderboard(board: Board) -> TextTable:
     return TextTable(board.task.title, ["entrant", *board.standings], rows, notes=notes)
 
 
-def _cell(value: Any, bold: bool = False) -> TableCell:
-    """A cell of a text or a number; a dash for one that is not known."""
+def _cell(value: Any, bold: bool = False, more: str = "") -> TableCell:
+    """A cell of a text or a number, and more; a dash for a number that is not known."""
     if isinstance(value, str) or math.isnan(value):
-        return TableCell(value if isinstance(value, str) else "–", bold)
+        return TableCell((value if isinstance(value, str) else "–") + more, bold)
     rounded = 0.0 if abs(value) < 1e-6 else float(value)  # FIT of the mean motion, but for rounding
-    return TableCell(number_text(rounded, 3), bold, rounded)
+    return TableCell(number_text(rounded, 3) + more, bold, rounded)
 
 
 def summary(boards: Sequence[Board]) -> TextTable:
@@ -327,6 +318,5 @@ def _counted(board: Board, name: str, rival: bool) -> TableCell:
     if name not in board.standings.index:
         return TableCell("–", rival)
     score, diverged = board.standings.loc[name, [board.score, "diverged"]]
-    lost = not diverged.startswith("0 ")
-    cell = _cell(score, rival and not lost)
-    return replace(cell, text=f"{cell.text} ({diverged} lost)") if lost else cell
+    lost = "" if diverged.startswith("0 ") else f" ({diverged} lost)"
+    return _cell(score, rival and not lost, lost)

@@ -3,7 +3,6 @@
 from collections.abc import Sequence
 from contextlib import suppress
 from dataclasses import replace
-from pathlib import Path
 
 from seatrial.models.diagnostics import Diagnostic
 from seatrial.models.errors import ConfigurationError
@@ -28,19 +27,8 @@ def run_sheet(
     ]
     if predicted:
         return comparison(predicted, f"Run {run}")
-    track, ordered = tracks.stored(results.reader, run, helm, length_m)
-    ordered = replace(ordered, kind=manoeuvre or ordered.kind)
-    return grid_of_sheet(sheets.measured_sheet(track, ordered, scale), f"Run {run}")
-
-
-def file_sheet(
-    path: Path, map_file: Path | None, manoeuvre: Manoeuvre | None, helm: str | None,
-    length_m: float | None, scale: float,
-) -> TextTable:  # fmt: skip
-    """Return the sheet of a recorded file."""
-    track, ordered = tracks.file_track(path, map_file, helm, length_m)
-    ordered = replace(ordered, kind=manoeuvre or ordered.kind)
-    return grid_of_sheet(sheets.measured_sheet(track, ordered, scale), str(path))
+    recorded = tracks.stored(results.reader, run, helm, length_m)
+    return sheet_of(recorded, f"Run {run}", manoeuvre, scale)
 
 
 def newest_manoeuvres(
@@ -62,8 +50,12 @@ def newest_manoeuvres(
     return known
 
 
-def grid_of_sheet(result: sheets.Sheet, title: str) -> TextTable:
-    """The sheet as a table with its definitions below."""
+def sheet_of(
+    recorded: tracks.Recorded, title: str, kind: Manoeuvre | None = None, scale: float = 1.0
+) -> TextTable:
+    """The sheet of a recorded manoeuvre as a table, with its definitions below."""
+    track, ordered = recorded
+    result = sheets.measured_sheet(track, replace(ordered, kind=kind or ordered.kind), scale)
     noisy = any(  # an interval is wide enough to be seen in the table
         entry.high - entry.low > VISIBLE * abs(entry.value) for entry in result.entries
     )
@@ -72,10 +64,8 @@ def grid_of_sheet(result: sheets.Sheet, title: str) -> TextTable:
     rows: list[list[Scalar]] = []
     for entry in result.entries:
         metres = entry.value * result.length_m if entry.unit == "L" else None
-        bounds = [entry.low, entry.high] if noisy else []
-        rows.append(
-            [entry.quantity, entry.value, *bounds, entry.unit, metres, entry.limit, entry.verdict]
-        )
+        rows.append([entry.quantity, entry.value, *([entry.low, entry.high] if noisy else [])])
+        rows[-1] += [entry.unit, metres, entry.limit, entry.verdict]
     notes = notes_of(result)
     if noisy:
         notes.append("from, to: 90 % interval, due to noise and sample time of the recording")

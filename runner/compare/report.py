@@ -16,7 +16,7 @@ from seatrial.runner.compare.comparability import TooDifferentError
 from seatrial.runner.compare.figures import PlotRequest, axes_of, drawings, figures
 from seatrial.runner.compare.frame import Queries, ordered
 from seatrial.runner.compare.grid import TextTable, grid_of, number_text, one_line, unit_text
-from seatrial.runner.compare.manoeuvre_comparison import grid_of_sheet, newest_manoeuvres
+from seatrial.runner.compare.manoeuvre_comparison import newest_manoeuvres, sheet_of
 from seatrial.runner.compare.page import Section, code, folded, group, html_table, paragraph
 from seatrial.runner.compare.plots.selection import subtitle
 from seatrial.runner.compare.plots.style import drawn
@@ -24,7 +24,6 @@ from seatrial.runner.compare.runs import run_table
 from seatrial.runner.compare.table import comparison
 from seatrial.runner.configuration.invocation import DEFAULT_DATABASE, results_program
 from seatrial.runner.database.tables import RunRow as RunTable
-from seatrial.runner.export.manoeuvre_tracks import manoeuvre_sheet
 from seatrial.runner.record.catalogue import METRICS, all_declared, definition_of
 from seatrial.runner.record.vocabulary import GROUPS, LOST
 
@@ -167,8 +166,7 @@ class _Report:
         for run, recorded in newest_manoeuvres(self.results, self.runs):
             # a manoeuvre that was not carried out, such as one that is too short, has no sheet
             with suppress(RecordingError):
-                result = manoeuvre_sheet.measured_sheet(*recorded)
-                grid = grid_of_sheet(result, f"Run {run.id}")
+                grid = sheet_of(recorded, f"Run {run.id}")
                 heading = f"Manoeuvre of {subtitle(run)}"
                 blocks.append(folded(heading, html_table(grid), opened=True))
         blocks += [paragraph(f"Not shown: {text}", "refused") for text in self.refused]

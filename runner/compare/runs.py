@@ -3,11 +3,12 @@
 import json
 import re
 import shlex
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import replace
 from datetime import datetime
 from decimal import Decimal
 from pathlib import Path
+from typing import Any
 
 from seatrial.models.errors import ConfigurationError
 from seatrial.runner.compare.frame import Queries, flat
@@ -27,6 +28,11 @@ RUN_COLUMNS = (
 USUAL: dict[str, tuple[Scalar, ...]] = {  # of a column: what is not worth showing
     "attempt": (1, None), "superseded": (False, None), "sweep": ("sweep", None),
 }  # fmt: skip
+BRIEF: dict[str, Callable[[Any], str]] = {  # of a column: what a list shows of a value
+    "started_at": lambda time: str(time)[:16].replace("T", " "), "duration_s": "{:.1f}".format,
+    **dict.fromkeys(("below_true_model", "superseded"), lambda is_so: "yes" if is_so else ""),
+    **dict.fromkeys(("error", "sweep", "tags"), lambda text: one_line(text, 60)),
+}  # fmt: skip
 SUMMARY = (
     *("status", "error_type", "error", *GROUPS, "seed", "attempt", "superseded", "sweep"),
     *("started_at", "finished_at", "duration_s"),
@@ -42,7 +48,6 @@ SHOWN = (  # diagnostics: uncertainty, what the excitation tells apart, columns 
     *("regressor_", "spectral_lines", "inseparable_terms", "statistic_"),
 )
 DATABASE = re.compile(r"[+~]*database(\.url)?=")
-SHOWN_BYTES = 16
 
 
 def run_table(
@@ -61,47 +66,29 @@ def run_table(
     for name in (name for name in RUN_COLUMNS if name not in without):
         if any(record[name] not in USUAL.get(name, (None, 0.0, "")) for record in records):
             shown.append(name)
-    cells = [[_brief(name, record[name]) for name in shown] for record in records]
+    known = ([(name, record[name]) for name in shown] for record in records)
+    cells = [[v if v is None else BRIEF.get(n, plain)(v) for n, v in pairs] for pairs in known]
     headers = ["id" if name == "run_id" else name for name in shown]
     return replace(grid_of(title, headers, cells, len(headers), notes), records=records)
 
 
-def check_statuses(statuses: Sequence[str], known: Sequence[str]) -> None:
-    """Raise ConfigurationError for a status that is none of the known ones."""
-    for status in statuses:
-        if status not in known:
-            expected = ", ".join(known)
-            raise ConfigurationError(f"--status: got {status!r}, expected one of {expected}")
-
-
 def runs_of(
-    results: Queries, condition: Condition, statuses: Sequence[str], limit: int | None = None
-) -> list[RunSummary]:
+    results: Queries, condition: Condition, statuses: Sequence[str], limit: int | None = None,
+    known: Sequence[str] = STATUSES,
+) -> list[RunSummary]:  # fmt: skip
     """Return runs that meet the condition and have one of the statuses, newest first.
 
     Empty `statuses` mean any status. The result may have more than `limit` runs. Raises
     ConfigurationError for a wrong condition or status.
     """
-    check_statuses(statuses, STATUSES)
+    if wrong := [status for status in statuses if status not in known]:
+        raise ConfigurationError(f"--status: got {wrong[0]!r}, expected one of {', '.join(known)}")
     conditions = results.clauses(condition)
     if statuses:  # the view may still show an interrupted run as running
         conditions.append(run_overview.c.status.in_([*statuses, "running"]))
     most = None if statuses else limit
     summaries = results.reader.runs(*conditions, newest_first=True, limit=most)
     return [run for run in summaries if not statuses or run.status in statuses]
-
-
-def _brief(name: str, value: Scalar) -> Scalar:
-    """Return what a list of runs shows of a value."""
-    if value is None:
-        return None
-    if name == "started_at":
-        return str(value)[:16].replace("T", " ")
-    if name == "duration_s":
-        return f"{value:.1f}"
-    if name in ("below_true_model", "superseded"):
-        return "yes" if value else ""
-    return one_line(str(value), 60) if name in ("error", "sweep", "tags") else value
 
 
 def headline(results: Queries, run_id: int) -> TextTable:
@@ -158,13 +145,10 @@ def _properties(results: Queries, run_id: int) -> list[list[Scalar]]:
     dirty = " with uncommitted changes" if run.git_dirty else ""
     properties: list[tuple[str, object]] = [
         *((name, getattr(run.summary, name)) for name in SUMMARY),
-        *(("warning", text) for text, _ in results.warnings(Condition(runs=(run_id,)))),
         ("tags of the sweep", ", ".join(sweep.tags or ()) if sweep else None),
         ("note on the sweep", sweep.note if sweep else None),
         ("note", run.note),
-        ("heartbeat_at", run.heartbeat_at),
         ("host", run.host),
-        ("pid", run.pid),
         ("git_commit", f"{run.git_commit}{dirty}" if run.git_commit else None),
         ("fingerprint", run.summary.fingerprint),
         ("overrides", shlex.join(run.overrides)),
@@ -220,7 +204,5 @@ def plain(value: object) -> Scalar:
     if isinstance(value, Decimal):
         return int(value) if abs(value) < 2**63 and value == int(value) else float(value)
     if isinstance(value, bytes):
-        return f"({len(value)} bytes) {value[:SHOWN_BYTES].hex()}" + (
-            "…" if len(value) > SHOWN_BYTES else ""
-        )
+        return f"({len(value)} bytes) {value[:16].hex()}"
     return json.dumps(value, ensure_ascii=False, default=str)

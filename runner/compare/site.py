@@ -18,7 +18,7 @@ import sqlalchemy as sa
 from markupsafe import Markup
 
 from seatrial.models.errors import ConfigurationError, LogbookError
-from seatrial.runner.compare.benchmark.scores import half_width
+from seatrial.runner.compare.benchmark import half_width
 from seatrial.runner.compare.cli import TableOptions
 from seatrial.runner.compare.frame import RUN, Queries, StoredRun, ordered
 from seatrial.runner.compare.grid import number_text, with_unit

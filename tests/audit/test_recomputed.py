@@ -51,7 +51,7 @@ def test_every_cell_of_a_random_table_follows_from_the_raw_rows(seed: int, tmp_p
         "identifier", "disturbance", "none", "median",
     )  # fmt: skip
     asked = TableOptions(
-        metric=["e_pos_mae"], statistic=["median,n"], baseline=["identifier=none"], sweep="1"
+        metric=["e_pos_mae"], statistic=["median", "n"], baseline=["identifier=none"], sweep="1"
     )
     with open_results(f"sqlite:///{tmp_path}/results.db") as results:
         records = comparison(results, asked).as_records()

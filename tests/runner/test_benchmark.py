@@ -10,7 +10,7 @@ from seatrial.models.errors import ConfigurationError, IdentificationError
 from seatrial.models.identification.problem import Problem
 from seatrial.models.vessel.table import Vessel
 from seatrial.runner.commands import benchmark
-from seatrial.runner.compare.benchmark.task import GROUP, cells, located, task_of
+from seatrial.runner.compare.benchmark import GROUP, cells, located, task_of
 from seatrial.runner.compare.frame import open_results
 from seatrial.runner.compare.leaderboard import boards, leaderboard
 from seatrial.runner.configuration import search_path

@@ -78,7 +78,7 @@ REFUSED = (
     (("boat", "tug"), "init: No such command 'boat'."),
     (("vessel", "../tug"), "init: NAME: got '../tug', expected letters, digits and _"),
     (("vessel", "milliampere"), "vessel milliampere is seatrial's own, expected a new name"),
-    (("vessel", "tug", "--length", "long"), "init: Invalid value for '--length': got 'long', "),
+    (("vessel", "tug", "--length", "long"), "init: --length: got 'long', "),
     (("vessel", "tug", "--length", "1e9"), "length_m must be at most 1000.0, got 1e+09"),
     (("vessel", "tug", "--length", "-1"), "length_m must be at least 0.1, got -1"),
     (("vessel", "tug", "seed=1"), "init: Got unexpected extra argument"),

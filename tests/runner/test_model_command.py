@@ -95,7 +95,7 @@ def test_what_cannot_be_done_is_one_line(seatrial: Command) -> None:
     for words, message in (
         ("none.csv --length 6", "none.csv: there is no such file"),
         ("boat.csv", "expected --length of the boat [m], or --vessel NAME"),
-        ("boat.csv --length long", "model: Invalid value for '--length'"),
+        ("boat.csv --length long", "model: --length: got 'long', expected a number"),
     ):
         assert message in seatrial.refuses("model", *words.split())
     table = pd.read_csv(seatrial.folder / "boat.csv").iloc[:, :7]

@@ -12,7 +12,7 @@ import numpy as np
 from matplotlib.axes import Axes
 
 from seatrial.models.errors import ConfigurationError
-from seatrial.runner.compare.benchmark.scores import half_width
+from seatrial.runner.compare.benchmark import half_width
 from seatrial.runner.compare.figures import Figure, PlotRequest
 from seatrial.runner.compare.frame import Queries, StoredRun
 from seatrial.runner.compare.grid import with_unit

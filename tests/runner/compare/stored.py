@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 
 from seatrial.models.diagnostics import Diagnostic
-from seatrial.runner.compare.benchmark.task import cells, task_of
+from seatrial.runner.compare.benchmark import cells, task_of
 from seatrial.runner.database import LogbookWriter
 from seatrial.runner.database.tables import RunRow
 from seatrial.runner.record.rows import Coefficient, Metric, Results, Series

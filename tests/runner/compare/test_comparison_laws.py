@@ -68,7 +68,7 @@ def test_a_number_that_a_method_cannot_have_loses_nothing(
     assert (lacking["not_applicable"], lacking["without_value"]) == (1, 0)
     assert best(grid) == {"ls"}  # though one of its trials has no such number
     assert best(table(results)) == {"dsr"}
-    both = comparison(results, TableOptions(metric=["force_mse,e_pos_mae"])).as_records()
+    both = comparison(results, TableOptions(metric=["force_mse", "e_pos_mae"])).as_records()
     assert [(r["metric"], r["identifier"]) for r in both if r["not_applicable"]] == [
         ("force_mse", "ls")
     ]
@@ -98,7 +98,7 @@ def test_bold_is_of_the_mean_unless_the_median_stands_alone(
 ) -> None:
     fill({"none": [2.0] * 3, "ls": [1.0, 1.0, 9.0]})
     assert best(table(results, statistic=["median"])) == {"ls"}
-    assert best(table(results, statistic=["mean,median"])) == {"none"}
+    assert best(table(results, statistic=["mean", "median"])) == {"none"}
 
 
 @pytest.mark.parametrize(("size", "equal"), [(0.1, 5e-7), (1000.0, 5e-4)])

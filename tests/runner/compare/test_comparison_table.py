@@ -104,7 +104,7 @@ def test_a_model_of_the_same_runs_can_be_the_baseline(results: Queries) -> None:
 
 
 def test_statistics_and_intervals(results: Queries) -> None:
-    grid = table(results, statistic=["median,q25,max", "ci"])
+    grid = table(results, statistic=["median", "q25", "max", "ci"])
     record = grid.as_records()[0]
     assert (record["identifier"], record["median"], record["q25"]) == ("none", 102.0, 101.0)
     half = 4.302653 * 2.0 / math.sqrt(3.0)  # t(0.975, 2 degrees of freedom)
@@ -127,7 +127,7 @@ def test_rows_and_columns_by_any_name(results: Queries) -> None:
 
 
 def test_several_metrics_and_dofs_get_their_own_rows_and_units(results: Queries) -> None:
-    grid = table(results, metric=["e_pos_mae,force_mse"], dof=["all"], where="disturbance=calm")
+    grid = table(results, metric=["e_pos_mae", "force_mse"], dof=["all"], where="disturbance=calm")
     shown = cells(grid)
     assert grid.headers[:5] == ["metric", "stage", "dof", "identifier", "unit"]
     assert shown["force_mse", "validation", "yaw", "ls", "(Nm)²", "calm"].startswith("104.0")

@@ -98,7 +98,7 @@ def test_verify_names_what_is_damaged_missing_or_left_over(
 ) -> None:
     code, out, _ = program("verify", *database(voyage_copy))
     assert code == 0
-    assert "checked 9 runs and 7 series files: no problems" in out
+    assert "checked 9 runs and 7 series files: no problems, no unused files" in out
     files = sorted((voyage_copy / "series").glob("run-*"))
     files[0].write_bytes(files[0].read_bytes() + b"x")
     files[1].unlink()

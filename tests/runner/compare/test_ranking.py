@@ -6,7 +6,7 @@ import numpy as np
 import pandas as pd
 import pytest
 
-from seatrial.runner.compare.benchmark.scores import block_bootstrap
+from seatrial.runner.compare.benchmark import block_bootstrap
 from seatrial.runner.compare.leaderboard import Ranking, critical_difference, ranking
 from seatrial.runner.compare.statistics import holm
 

@@ -6,7 +6,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from seatrial.runner.compare.benchmark.task import cells, task_of
+from seatrial.runner.compare.benchmark import cells, task_of
 from tests.runner.compare import stored
 from tests.runner.compare.conftest import Program
 
@@ -17,7 +17,6 @@ cases: {{{cases}}}
 outputs: [surge]
 horizons_s: [1]
 score: {score}
-after_s: 1
 seeds: {seeds}
 entrants: {{{entrants}}}
 """
