@@ -15,15 +15,8 @@ import numpy as np
 
 from seatrial.models.errors import ConfigurationError
 from seatrial.models.excitation.guidance import ReferenceFilter
-from seatrial.models.excitation.missions import Length, Mission
-from seatrial.models.notation import PLANAR
-from seatrial.models.planning.harbour import (
-    Harbour,
-    convex_parts,
-    distances,
-    harbour_of,
-    hull_outline,
-)
+from seatrial.models.excitation.missions import Length, Mission, planar_only
+from seatrial.models.planning.harbour import Harbour, distances, harbour_of, hull_outline
 from seatrial.models.planning.planner import Pace, PlanningTask, Waters, plan
 from seatrial.models.ranges import NotNegative, Positive, check_ranges
 from seatrial.models.simulation.registry import Timetable
@@ -42,14 +35,14 @@ ROOM = 0.2  # [L] beyond the nearest free approach, to keep away from what surro
 class Docking(Mission):
     """Docking in one of several harbours, drawn for each seed like the start.
 
-    `harbour` names supplied harbours or GeoJSON files, whose texts are in `charts`. Passages are
-    sailed at the shares `passage` and `berthing` of the speeds ahead and across in `speed`
-    [m/s, m/s, rad/s], with turns at the third. `rests` are the times at the approach pose and in
-    the berth, in units of the time constant of the reference filter. A vessel is berthed
-    when its errors stay within `within` [L] and `within_deg`.
+    `harbour` holds the texts of GeoJSON files by name. Passages are sailed at the shares `passage`
+    and `berthing` of the speeds ahead and across in `speed` [m/s, m/s, rad/s], with turns at the
+    third. `rests` are the times at the approach pose and in the berth, in units of the time
+    constant of the reference filter. A vessel is berthed when its errors stay within `within` [L]
+    and `within_deg`.
     """
 
-    harbour: tuple[str, ...]
+    harbour: dict[str, str]
     speed: Annotated[tuple[Positive, ...], FromVessel("tuning.control.mission.speed")]
     passage: Positive
     berthing: Positive
@@ -62,38 +55,26 @@ class Docking(Mission):
     vessel: VesselParameters
     reference_filter: ReferenceFilter
     period_s: Positive
-    charts: dict[str, str]
 
     def __post_init__(self) -> None:
         check_ranges(self)
-        if not self.harbour or not {*self.harbour} <= {*self.charts}:
-            got = [*self.harbour]
-            raise ConfigurationError(f"harbour: got {got}, expected some of {[*self.charts]}")
         _ = self.harbours
-        if len(self.speed) != len(self.vessel.dofs):
+        most, got = self.vessel.scales.speeds, self.speed
+        if self.vessel.planar and (len(got) != 3 or np.any(np.array(got) > most)):
             raise ConfigurationError(
-                f"speed: got {len(self.speed)} numbers, expected {len(self.vessel.dofs)}"
+                f"speed: got {list(got)}, expected three numbers and at most the "
+                f"{np.round(most, 3).tolist()} that {self.vessel.name} attains with full thrust"
             )
-        for i, name in enumerate(self.vessel.dofs if self.vessel.planar else ()):
-            most = float(self.vessel.scales.speeds[i])
-            if self.speed[i] > most:
-                raise ConfigurationError(
-                    f"speed: got {self.speed[i]:g} in {name}, expected at most the {most:.3g} that "
-                    f"{self.vessel.name} attains with full thrust"
-                )
-
-    @property
-    def length_m(self) -> float:
-        """Length of the hull [m]."""
-        return self.vessel.scales.length_m
 
     @cached_property
     def harbours(self) -> dict[str, Harbour]:
         """The harbours by name."""
+        if not self.harbour:
+            raise ConfigurationError("harbour: got no name, expected at least one")
         found = {}
-        for name, text in self.charts.items():
+        for name, text in self.harbour.items():
             try:
-                found[name] = harbour_of(text, self.length_m)
+                found[name] = harbour_of(text, self.vessel.scales.length_m)
             except (ConfigurationError, ValueError, TypeError) as error:
                 raise ConfigurationError(f"harbour: {name}: {error}") from error
         return found
@@ -101,7 +82,8 @@ class Docking(Mission):
     @property
     def hull(self) -> Array:
         """Corners of the hull, (5, 2) [m], body axes."""
-        return hull_outline(self.length_m, self.vessel.beam_m or self.length_m / SLENDERNESS)
+        length = self.vessel.scales.length_m
+        return hull_outline(length, self.vessel.beam_m or length / SLENDERNESS)
 
     @property
     def pace(self) -> Pace:
@@ -126,10 +108,7 @@ class Docking(Mission):
 
     def check(self, dofs: Sequence[str]) -> None:
         """Raise ConfigurationError unless the vessel is planar."""
-        if tuple(dofs) != PLANAR:
-            raise ConfigurationError(
-                f"a berth needs a vessel in {', '.join(PLANAR)}, got one in {', '.join(dofs)}"
-            )
+        planar_only("a berth", dofs)
 
     def drawn(self, rng: np.random.Generator) -> "DrawnDocking":
         """The docking in one of the harbours from one start; the same for a stream.
@@ -137,52 +116,49 @@ class Docking(Mission):
         Raises ConfigurationError with what is in the way of the hull.
         """
         self.check(self.vessel.dofs)
-        name = self.harbour[int(rng.integers(len(self.harbour)))]
+        name = [*self.harbours][int(rng.integers(len(self.harbours)))]
         try:
-            return self._in_harbour(name, rng)
+            poses = self._setpoints(self.harbours[name], rng)
         except ConfigurationError as error:
             raise ConfigurationError(f"harbour: {name}: {error}") from error
+        duration_s = len(poses) * self.period_s
+        return DrawnDocking(
+            self, name, self.harbours[name], poses, duration_s, self.reference_filter
+        )
 
-    def _in_harbour(self, name: str, rng: np.random.Generator) -> "DrawnDocking":
-        """Draw the start in a harbour and plan the set-points.
+    def _setpoints(self, harbour: Harbour, rng: np.random.Generator) -> Array:
+        """Draw the start in a harbour and plan the set-points, (N, 3) [m, m, rad].
 
         The planner's lattice lies along the berth, so that a narrow basin can be entered: the plan
         leaves the berth with the bow where the stern is, and is sailed in reverse.
         """
-        harbour, length, hull = self.harbours[name], self.length_m, self.hull
+        length, hull, turned = self.vessel.scales.length_m, self.hull, np.array([0.0, 0.0, np.pi])
         beam = float(np.ptp(hull[:, 1]))
-        target = harbour.berth(0.5 * beam + self.gap * length)
+        target = harbour.face + (0.5 * beam + self.gap * length) * harbour.away
         if distances(harbour.land, hull, target[None, :])[0] <= 0.0:
             raise ConfigurationError(
                 f"it does not contain the target: the hull, {length:.3g} m by {beam:.3g} m, meets "
                 f"the land at ({target[0]:.3g}, {target[1]:.3g}) m, or is wider than the basin"
             )
-        turned = np.array([0.0, 0.0, np.pi])
-        waters = Waters(harbour.area, convex_parts(harbour.land), self.clearance * length)
-        approach = self._approach(harbour, waters)
-        start = harbour.start_pose(waters.free(), rng)
-        path = plan(PlanningTask(waters, {}, {}, approach + turned, start + turned,
-                                 self.cell * length, self.pace))  # fmt: skip
-        across = replace(self.pace, speed_m_s=self.berthing * self.speed[1])
-        before, after = np.round(self.rest_s / self.period_s).astype(int)
-        still = np.tile(approach, (before, 1))
-        poses = np.vstack([path.poses[::-1] - turned, still, across.line(approach, target)])
-        rest = np.tile(target, (after, 1))
-        return DrawnDocking(self, name, harbour, np.vstack([poses, rest]), len(poses))
-
-    def _approach(self, harbour: Harbour, waters: Waters) -> Array:
-        """The pose beside the berth (3,) from which it is entered, clear of the land."""
+        waters = Waters(harbour.area, harbour.parts, self.clearance * length)
         away = np.linspace(0.0, 0.5 * float(np.ptp(harbour.area)), APPROACHES)
-        poses = np.array([harbour.berth(distance) for distance in away])
-        room = waters.distance(poses[:, :2])
+        beside = harbour.face + away[:, None] * harbour.away
+        room = waters.distance(beside[:, :2])
         free = np.flatnonzero(room > waters.clearance_m)
         if not len(free):
             raise ConfigurationError(
                 f"no approach to the berth has a clearance of {waters.clearance_m:.3g} m: got at "
                 f"most {np.max(room):.3g} m"
             )
-        near = free[away[free] <= away[free[0]] + ROOM * self.length_m]
-        return np.asarray(poses[near[np.argmax(room[near])]])
+        near = free[away[free] <= away[free[0]] + ROOM * length]
+        approach = beside[near[np.argmax(room[near])]]
+        start = harbour.start_pose(waters.free(), rng)
+        path = plan(PlanningTask(waters, {}, {}, approach + turned, start + turned,
+                                 self.cell * length, self.pace))  # fmt: skip
+        across = replace(self.pace, speed_m_s=self.berthing * self.speed[1])
+        before, after = np.round(self.rest_s / self.period_s).astype(int)
+        still, rest = np.tile(approach, (before, 1)), np.tile(target, (after, 1))
+        return np.vstack([path.poses[::-1] - turned, still, across.line(approach, target), rest])
 
 
 @dataclass(frozen=True, eq=False)
@@ -193,22 +169,8 @@ class DrawnDocking(Mission):
     name: str  # of the harbour
     harbour: Harbour
     poses: Any  # set-points at the control instants, an array (N, 3)
-    berthed: int  # instant at which the set-point reaches the berth
-
-    @property
-    def duration_s(self) -> float:
-        """Length of the passage, the berthing and the rest [s]."""
-        return len(self.poses) * self.options.period_s
-
-    @property
-    def reference_filter(self) -> ReferenceFilter:
-        """The reference model of the options."""
-        return self.options.reference_filter
-
-    @cached_property
-    def obstacles(self) -> tuple[Array, ...]:
-        """Convex parts of the land, (n, 2) each."""
-        return convex_parts(self.harbour.land)
+    duration_s: float
+    reference_filter: ReferenceFilter
 
     @property
     def start(self) -> Array:
@@ -221,4 +183,4 @@ class DrawnDocking(Mission):
 
     def foreseen(self, outlook: Outlook) -> Outlook:
         """The preview with the land and the hull."""
-        return outlook._replace(obstacles=self.obstacles, hull=self.options.hull)
+        return outlook._replace(obstacles=self.harbour.parts, hull=self.options.hull)

@@ -13,7 +13,6 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 
-from seatrial.models.compiled import kernel
 from seatrial.models.errors import ConfigurationError
 from seatrial.models.vessel.basis import Array
 from seatrial.models.vessel.kinematics import in_ned
@@ -27,10 +26,9 @@ else:
     pymap3d = lazy_loader.load("pymap3d")  # slow to import
     shapely = lazy_loader.load("shapely")
 
-UNITS, SIDES = ("lengths", "metres"), ("port", "starboard")
+UNITS, SIDES = ("lengths", "metres", None), ("port", "starboard")
 SHOULDER = 0.7  # of the length from the stern: where the sides end and the bow begins
 FLAT = 1e-9  # share of its area by which a polygon may fall short of its convex hull
-ROUNDS = 60  # halvings of a sampling interval, at most: to less than rounding
 TINY = 1e-12  # [m]
 TRIES = 1000  # positions that are drawn for a start
 Shape = tuple[Mapping[str, Any], "shapely.Geometry"]  # with its properties
@@ -74,20 +72,11 @@ class Harbour(NamedTuple):
 
     area: Array  # corners of a rectangle around all, (4, 2)
     land: "shapely.Geometry"
+    parts: tuple[Array, ...]  # convex ones of the land, (n, 2) each
     start: "shapely.Geometry"  # polygon of positions at the start, or the only one
     headings: Array  # at the start, from and to [rad]
-    face: Array  # (2,) middle of the berth, on the face of the quay
-    heading: float  # of the berthed vessel [rad]
-    side: float  # of the quay seen from the vessel: 1 starboard, -1 port
-
-    @property
-    def away(self) -> Array:
-        """Unit vector from the quay to the water, (2,)."""
-        return in_ned(np.array([0.0, -self.side]), self.heading)
-
-    def berth(self, distance_m: float) -> Array:
-        """The pose along the quay, so far from its face, (3,) [m, m, rad]."""
-        return np.array([*(self.face + distance_m * self.away), self.heading])
+    face: Array  # (3,) middle of the berth, on the face of the quay, and the heading in the berth
+    away: Array  # (3,) unit vector from the quay to the water, and 0
 
     def start_pose(self, free: "shapely.Geometry", rng: np.random.Generator) -> Array:
         """A pose (3,) drawn evenly over the start and its headings, at a free position.
@@ -115,40 +104,38 @@ def harbour_of(text: str, length_m: float) -> Harbour:
     about the longitude and latitude in `origin`, by default the quay's first point.
     """
     content, shapes = shapes_of(text)
-    beginning, start = _only(shapes, "start", "Polygon", "Point")
-    berth, quay = _only(shapes, "quay", "LineString")
+
+    def of(role: str) -> list[Shape]:
+        return [one for one in shapes if one[0].get("role", "obstacle") == role]
+
+    if got := [role for role in ("start", "quay") if len(of(role)) != 1]:
+        raise ConfigurationError(f"got {len(of(got[0]))} features with role {got[0]}, expected one")
+    [(beginning, start)], [(berth, quay)] = of("start"), of("quay")
     along, units, side = shapely.get_coordinates(quay), content.get("units"), berth.get("side")
-    if side not in SIDES or len(along) != 2:
-        raise ConfigurationError(f"quay: got side {side!r}, expected two points and {SIDES}")
-    if units not in (None, *UNITS):
-        raise ConfigurationError(f"units: got {units!r}, expected one of {UNITS} or none")
+    if len(along) != 2 or side not in SIDES or units not in UNITS:
+        raise ConfigurationError(
+            f"got a quay of {len(along)} points with side {side!r} and units {units!r}, expected "
+            f"two points, one of {SIDES} and one of {UNITS}"
+        )
     origin = content.get("origin", along[0]) if units is None else None
 
     def placed(shape: "shapely.Geometry") -> "shapely.Geometry":
         return in_metres(shape, origin, length_m if units == "lengths" else 1.0)
 
-    water = [placed(shape) for own, shape in shapes if own.get("role") == "water"]
-    solid = [placed(shape) for own, shape in shapes if own.get("role", "obstacle") == "obstacle"]
+    solid, water = ([placed(shape) for _, shape in of(role)] for role in ("obstacle", "water"))
     start, quay = placed(start), placed(quay)
     south, west, north, east = shapely.total_bounds([*water, *solid, start, quay])
     area = shapely.box(south - length_m, west - length_m, north + length_m, east + length_m)
     around = [shapely.difference(area, shapely.union_all(water))] if water else []
-    headings = np.radians(beginning.get("headings_deg", (-180.0, 180.0)))
+    land = shapely.union_all([*solid, *around])
     first, last = shapely.get_coordinates(quay)
     heading = float(np.arctan2(*(last - first)[::-1]))
-    return Harbour(shapely.get_coordinates(area)[:-1], shapely.union_all([*solid, *around]), start,
-                   headings, 0.5 * (first + last), heading,
-                   1.0 if side == "starboard" else -1.0)  # fmt: skip
-
-
-def _only(shapes: Sequence[Shape], role: str, *kinds: str) -> Shape:
-    """The only feature of a role; raises ConfigurationError."""
-    own = [one for one in shapes if one[0].get("role") == role and one[1].geom_type in kinds]
-    if len(own) != 1:
-        raise ConfigurationError(
-            f"got {len(own)} features with role {role}, expected one {' or '.join(kinds)}"
-        )
-    return own[0]
+    away = in_ned(np.array([0.0, -1.0 if side == "starboard" else 1.0]), heading)
+    return Harbour(
+        shapely.get_coordinates(area)[:-1], land, convex_parts(land), start,
+        np.radians(beginning.get("headings_deg", (-180.0, 180.0))),
+        np.array([*(0.5 * (first + last)), heading]), np.array([*away, 0.0]),
+    )  # fmt: skip
 
 
 def hull_outline(length_m: float, beam_m: float) -> Array:
@@ -189,19 +176,19 @@ def clearances(
     """
     reach = float(np.max(np.hypot(*hull.T)))
     t, d = np.arange(len(poses), dtype=np.float64), distances(land, hull, poses)
-    for _ in range(ROUNDS):
+    while True:
         at = interpolated(poses, t)
         moved = np.hypot(*np.diff(at[:, :2], axis=0).T) + reach * np.abs(np.diff(at[:, 2]))
         least = 0.5 * (d[:-1] + d[1:] - moved)
         unsure = (least <= 0.0) & (np.maximum(d[:-1], d[1:]) > 0.0) & (moved > tolerance_m)
         unsure |= least < np.min(d) - tolerance_m
         if not np.any(unsure):
-            break
+            return t, d
         between = 0.5 * (t[:-1] + t[1:])[unsure]
-        order = np.argsort(np.concatenate([t, between]), kind="stable")
-        d = np.concatenate([d, distances(land, hull, interpolated(poses, between))])[order]
-        t = np.concatenate([t, between])[order]
-    return t, d
+        d = np.concatenate([d, distances(land, hull, interpolated(poses, between))])
+        t = np.concatenate([t, between])
+        order = np.argsort(t, kind="stable")
+        t, d = t[order], d[order]
 
 
 def interpolated(poses: Array, t: Array) -> Array:
@@ -211,51 +198,24 @@ def interpolated(poses: Array, t: Array) -> Array:
 
 def contacts(distance: Array) -> int:
     """How many times a distance (N,) becomes zero; a motion that begins there counts."""
-    touching = np.concatenate([[False], distance <= 0.0])
-    return int(np.sum(touching[1:] & ~touching[:-1]))
+    return int(np.sum(np.diff(distance <= 0.0, prepend=False) & (distance <= 0.0)))
 
 
 def convex_parts(land: "shapely.Geometry") -> tuple[Array, ...]:
-    """Convex polygons (n, 2) with the area of a geometry.
-
-    A polygon that is not convex is triangulated, and neighbours are united while that is convex.
-    """
+    """Convex polygons (n, 2) with the area of a geometry: united triangles of its polygons."""
     done: list[shapely.Geometry] = []
     for polygon in shapely.get_parts(land):
-        triangles = shapely.get_parts(shapely.constrained_delaunay_triangles(polygon))
-        left = [polygon] if _convex(polygon) else list(triangles)
+        left = [*shapely.get_parts(shapely.constrained_delaunay_triangles(polygon))]
         while left:
             piece = left.pop()
-            joined = [(i, shapely.union(piece, other)) for i, other in enumerate(left)
-                      if shapely.touches(piece, other)]  # fmt: skip
-            match = next(((i, both) for i, both in joined if _convex(both)), None)
-            if match is None:
-                done.append(piece)
+            for i, other in enumerate(left):
+                both = shapely.convex_hull(shapely.union(piece, other))
+                if both.area <= (1.0 + FLAT) * (piece.area + other.area):
+                    left[i] = both
+                    break
             else:
-                left[match[0]] = shapely.convex_hull(match[1])
+                done.append(piece)
     return tuple(shapely.get_coordinates(shapely.normalize(one))[:-1] for one in done)
-
-
-def _convex(shape: "shapely.Geometry") -> bool:
-    """Whether a shape is one convex polygon."""
-    missing = float(shapely.convex_hull(shape).area) - float(shape.area)
-    return shape.geom_type == "Polygon" and missing <= FLAT * float(shape.area)
-
-
-@kernel
-def _separate(axes: Array, hulls: Array, polygon: Array, best: Array) -> None:
-    """Write (n, max n' q, separation) (N, 4) of the best of axes (N, A, 2) for hulls (N, m, 2)."""
-    for k in range(len(axes)):
-        best[k, 3] = -np.inf
-        for north, east in axes[k]:
-            size, near, far = np.sqrt(north * north + east * east), np.inf, -np.inf
-            for p in hulls[k]:
-                near = min(near, north * p[0] + east * p[1])
-            for q in polygon:
-                far = max(far, north * q[0] + east * q[1])
-            if size > TINY and (near - far) / size > best[k, 3]:  # else corners that touch
-                best[k, 0], best[k, 1] = north / size, east / size
-                best[k, 2], best[k, 3] = far / size, (near - far) / size
 
 
 def separating_lines(hull: Array, poses: Array, obstacles: Sequence[Array], count: int) -> Array:
@@ -274,12 +234,17 @@ def separating_lines(hull: Array, poses: Array, obstacles: Sequence[Array], coun
     lines[:, :, 2:] = -np.inf, np.inf
     for k, polygon in enumerate(obstacles):
         between = (turned[:, :, None] - polygon).reshape(len(poses), -1, 2)
-        sides = np.roll(polygon, -1, axis=0) - polygon
-        same = np.broadcast_to(sides, (len(poses), *sides.shape))
-        sides = np.concatenate([np.roll(turned, -1, axis=1) - turned, same], axis=1)
-        normals = sides[:, :, ::-1] * (-1.0, 1.0)
-        _separate(
-            np.concatenate([between, normals, -normals], axis=1), turned, polygon, lines[:, k]
-        )
+        same = np.broadcast_to(polygon, (len(poses), *polygon.shape))
+        sides = [np.roll(corners, -1, axis=1) - corners for corners in (turned, same)]
+        normals = np.concatenate(sides, axis=1)[:, :, ::-1] * (-1.0, 1.0)
+        axes = np.concatenate([between, normals, -normals], axis=1)
+        size = np.hypot(axes[:, :, 0], axes[:, :, 1])
+        axes /= np.maximum(size, TINY)[:, :, None]
+        far = np.max(axes @ polygon.T, axis=2)
+        apart = np.min(axes @ turned.swapaxes(1, 2), axis=2) - far
+        apart[size < TINY] = -np.inf  # corners that touch
+        best = np.argmax(apart, axis=1)[:, None]
+        values = np.concatenate([axes, far[:, :, None], apart[:, :, None]], axis=2)
+        lines[:, k] = np.take_along_axis(values, best[:, :, None], axis=1)[:, 0]
     nearest = np.argsort(lines[:, :, 3], axis=1, kind="stable")[:, :count]
     return np.asarray(np.take_along_axis(lines, nearest[:, :, None], axis=1)[:, :, :3])

@@ -123,10 +123,10 @@ def test_a_chart_in_lengths_is_scaled_by_the_vessel() -> None:
     quay = shapely.LineString([(0.4, 2.0), (1.4, 2.0)])
     text = chart("lengths", start, quay, "starboard", obstacle=shapely.Polygon(CORNER))
     small, large = harbour_of(text, 1.0), harbour_of(text, 70.0)
-    np.testing.assert_allclose(large.berth(70.0 * 0.2), small.berth(0.2) * [70.0, 70.0, 1.0])
+    np.testing.assert_allclose(large.face, small.face * [70.0, 70.0, 1.0])
     assert large.land.area == pytest.approx(70.0**2 * small.land.area)
     # on the side of the water: to the west of a quay that is to starboard of a northern heading
-    np.testing.assert_allclose(small.berth(0.2), [0.9, 1.8, 0.0], atol=1e-12)
+    np.testing.assert_allclose(small.face + 0.2 * small.away, [0.9, 1.8, 0.0], atol=1e-12)
 
 
 def test_land_is_all_around_water() -> None:

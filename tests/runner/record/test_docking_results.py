@@ -12,7 +12,7 @@ from seatrial.models.vessel.basis import Array
 from seatrial.models.vessel.kinematics import in_ned
 from seatrial.models.weather.weather import Weather
 from seatrial.runner.record.catalogue import METRICS
-from seatrial.runner.trials.berthing import berthing_metrics, harbour_series
+from seatrial.runner.trials.berthing import berthing_results
 from seatrial.runner.trials.closed_loop import ControlDesign, SimulatedMission, Streams, drawn
 from tests.trials import composed
 
@@ -37,7 +37,7 @@ def sailed(docking: DrawnDocking, poses: Array, tau: Array | None = None) -> Sim
 
 
 def values(docking: DrawnDocking, voyage: SimulatedMission) -> dict[str, float]:
-    rows = berthing_metrics(docking, voyage, "nominal")
+    rows = berthing_results(docking, voyage, "nominal").metrics
     return {row.name: row.value for row in rows if row.value is not None}
 
 
@@ -47,7 +47,7 @@ def test_an_exact_voyage_is_berthed_with_the_gap() -> None:
     assert found["contacts"] == 0.0
     assert found["smallest_clearance"] == pytest.approx(docking.options.gap, rel=1e-6)
     assert found["final_position_error"] == found["final_heading_error"] == 0.0
-    length = docking.options.length_m
+    length = docking.options.vessel.scales.length_m
     off = np.hypot(*(poses - poses[-1])[:, :2].T) / length
     first = int(np.flatnonzero(off > docking.options.within)[-1]) + 1
     assert found["time_to_berth"] == pytest.approx(first * docking.options.period_s)
@@ -56,7 +56,7 @@ def test_an_exact_voyage_is_berthed_with_the_gap() -> None:
 def test_a_run_shows_contacts_and_the_error_in_the_berth_first() -> None:
     docking = mission()
     shown = {(metric.name, metric.headline) for metric in METRICS}
-    rows = berthing_metrics(docking, sailed(docking, docking.poses), "nominal")
+    rows = berthing_results(docking, sailed(docking, docking.poses), "nominal").metrics
     assert {row.name for row in rows if (row.name, row.dof) in shown} == {
         "contacts", "final_position_error"
     }  # fmt: skip
@@ -64,9 +64,9 @@ def test_a_run_shows_contacts_and_the_error_in_the_berth_first() -> None:
 
 def test_a_voyage_into_the_quay_and_one_beside_the_berth() -> None:
     docking = mission()
-    poses, length = docking.poses, docking.options.length_m
+    poses, length = docking.poses, docking.options.vessel.scales.length_m
     towards = -0.1 * length * docking.harbour.away
-    into = values(docking, sailed(docking, poses + np.array([*towards, 0.0])))
+    into = values(docking, sailed(docking, poses + towards))
     assert into["contacts"] == 1.0
     assert into["smallest_clearance"] == 0.0
     assert into["final_position_error"] == pytest.approx(0.1)
@@ -108,7 +108,7 @@ def test_the_metrics_do_not_depend_on_the_frame() -> None:
 
 def test_the_stored_harbour_has_the_hull_and_the_land() -> None:
     docking = mission()
-    columns = harbour_series(docking).columns
+    columns = berthing_results(docking, sailed(docking, docking.poses), "nominal").series[0].columns
     corners = np.column_stack([columns["x"], columns["y"]])
     hull = corners[columns["polygon"] == 0.0]
     np.testing.assert_allclose(np.ptp(hull, axis=0), [5.0, 5.0 / 3.0])
