@@ -17,7 +17,7 @@ from seatrial.models.errors import ConfigurationError
 from seatrial.models.excitation.guidance import ReferenceFilter
 from seatrial.models.excitation.missions import Length, Mission, planar_only
 from seatrial.models.planning.harbour import Harbour, distances, harbour_of, hull_outline
-from seatrial.models.planning.planner import Pace, PlanningTask, Waters, plan
+from seatrial.models.planning.planner import Pace, PlanningTask, Waters, inside, plan
 from seatrial.models.ranges import NotNegative, Positive, check_ranges
 from seatrial.models.simulation.registry import Timetable
 from seatrial.models.simulation.voyage import Outlook
@@ -28,6 +28,7 @@ from seatrial.models.vessel.tuning import FromVessel
 
 WAY = 2.0  # longest passage that is expected, in widths of the harbour, north and east
 APPROACHES = 100  # distances from the quay at which an approach is looked for
+TRIES = 1000  # positions that are drawn for a start
 ROOM = 0.2  # [L] beyond the nearest free approach, to keep away from what surrounds it
 
 
@@ -55,6 +56,7 @@ class Docking(Mission):
     vessel: VesselParameters
     reference_filter: ReferenceFilter
     period_s: Positive
+    poses: Any = None  # set-points (N, 3) at the control instants, once they are drawn
 
     def __post_init__(self) -> None:
         check_ranges(self)
@@ -91,16 +93,14 @@ class Docking(Mission):
         return Pace(self.passage * self.speed[0], self.speed[-1], self.period_s)
 
     @property
-    def rest_s(self) -> Array:
-        """Times at the approach pose and in the berth [s], (2,)."""
-        return np.array(self.rests) / self.reference_filter.bandwidth_rad_s
-
-    @property
     def duration_s(self) -> float:
-        """An upper bound of the length [s], before the draw: of a passage around the harbour."""
+        """Length [s]; before the draw an upper bound: of a passage around the harbour."""
+        if self.poses is not None:
+            return len(self.poses) * self.period_s
         way = WAY * max(float(np.sum(np.ptp(one.area, axis=0))) for one in self.harbours.values())
         turn = 2.0 * np.pi / self.pace.turn_rate_rad_s
-        return float(way / self.pace.speed_m_s + turn + np.sum(self.rest_s))
+        rest = sum(self.rests) / self.reference_filter.bandwidth_rad_s
+        return float(way / self.pace.speed_m_s + turn + rest)
 
     def length(self) -> Length:
         """The upper bound of the length, which the speed ahead decides on."""
@@ -110,21 +110,29 @@ class Docking(Mission):
         """Raise ConfigurationError unless the vessel is planar."""
         planar_only("a berth", dofs)
 
-    def drawn(self, rng: np.random.Generator) -> "DrawnDocking":
-        """The docking in one of the harbours from one start; the same for a stream.
-
-        Raises ConfigurationError with what is in the way of the hull.
-        """
+    def drawn(self, rng: np.random.Generator) -> "Docking":
+        """The docking in a harbour from a start; ConfigurationError with what is in the way."""
         self.check(self.vessel.dofs)
         name = [*self.harbours][int(rng.integers(len(self.harbours)))]
         try:
             poses = self._setpoints(self.harbours[name], rng)
         except ConfigurationError as error:
             raise ConfigurationError(f"harbour: {name}: {error}") from error
-        duration_s = len(poses) * self.period_s
-        return DrawnDocking(
-            self, name, self.harbours[name], poses, duration_s, self.reference_filter
-        )
+        return replace(self, harbour={name: self.harbour[name]}, poses=poses)
+
+    @property
+    def start(self) -> Array | None:
+        """The drawn pose (3,) [m, m, rad]."""
+        return None if self.poses is None else np.asarray(self.poses[0])
+
+    def guidance(self, t: Array, start: Array) -> tuple[NamedTuple, Array]:
+        """The set-points as a timetable."""
+        return Timetable(np.ascontiguousarray(self.poses[: len(t)])), np.zeros(1)
+
+    def foreseen(self, outlook: Outlook) -> Outlook:
+        """The preview with the land and the hull."""
+        [harbour] = self.harbours.values()
+        return outlook._replace(obstacles=harbour.parts, hull=self.hull)
 
     def _setpoints(self, harbour: Harbour, rng: np.random.Generator) -> Array:
         """Draw the start in a harbour and plan the set-points, (N, 3) [m, m, rad].
@@ -146,41 +154,20 @@ class Docking(Mission):
         room = waters.distance(beside[:, :2])
         free = np.flatnonzero(room > waters.clearance_m)
         if not len(free):
-            raise ConfigurationError(
-                f"no approach to the berth has a clearance of {waters.clearance_m:.3g} m: got at "
-                f"most {np.max(room):.3g} m"
-            )
+            raise ConfigurationError(f"no approach is {waters.clearance_m:.3g} m from the land")
         near = free[away[free] <= away[free[0]] + ROOM * length]
         approach = beside[near[np.argmax(room[near])]]
-        start = harbour.start_pose(waters.free(), rng)
+        heading = float(rng.uniform(*harbour.headings))
+        low, high = np.reshape(harbour.start.bounds, (2, 2))
+        drawn = rng.uniform(low, high, (TRIES, 2))
+        good = drawn[inside(harbour.start, drawn) & inside(waters.free(), drawn)]
+        if not len(good):
+            raise ConfigurationError("it does not contain the start with room to turn")
+        start = np.array([*good[0], heading])
         path = plan(PlanningTask(waters, {}, {}, approach + turned, start + turned,
                                  self.cell * length, self.pace))  # fmt: skip
         across = replace(self.pace, speed_m_s=self.berthing * self.speed[1])
-        before, after = np.round(self.rest_s / self.period_s).astype(int)
+        rests_s = np.array(self.rests) / self.reference_filter.bandwidth_rad_s
+        before, after = np.round(rests_s / self.period_s).astype(int)
         still, rest = np.tile(approach, (before, 1)), np.tile(target, (after, 1))
         return np.vstack([path.poses[::-1] - turned, still, across.line(approach, target), rest])
-
-
-@dataclass(frozen=True, eq=False)
-class DrawnDocking(Mission):
-    """A docking in its harbour from its start; SI units, NED."""
-
-    options: Docking
-    name: str  # of the harbour
-    harbour: Harbour
-    poses: Any  # set-points at the control instants, an array (N, 3)
-    duration_s: float
-    reference_filter: ReferenceFilter
-
-    @property
-    def start(self) -> Array:
-        """The drawn pose (3,) [m, m, rad]."""
-        return np.asarray(self.poses[0])
-
-    def guidance(self, t: Array, start: Array) -> tuple[NamedTuple, Array]:
-        """The set-points as a timetable."""
-        return Timetable(np.ascontiguousarray(self.poses[: len(t)])), np.zeros(1)
-
-    def foreseen(self, outlook: Outlook) -> Outlook:
-        """The preview with the land and the hull."""
-        return outlook._replace(obstacles=self.harbour.parts, hull=self.options.hull)

@@ -9,6 +9,7 @@ systems, section 2.3.
 
 import json
 from collections.abc import Mapping, Sequence
+from functools import partial
 from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
@@ -29,8 +30,7 @@ else:
 UNITS, SIDES = ("lengths", "metres", None), ("port", "starboard")
 SHOULDER = 0.7  # of the length from the stern: where the sides end and the bow begins
 FLAT = 1e-9  # share of its area by which a polygon may fall short of its convex hull
-TINY = 1e-12  # [m]
-TRIES = 1000  # positions that are drawn for a start
+TINY, NOWHERE = 1e-12, 1e6  # [m]
 Shape = tuple[Mapping[str, Any], "shapely.Geometry"]  # with its properties
 
 
@@ -78,30 +78,14 @@ class Harbour(NamedTuple):
     face: Array  # (3,) middle of the berth, on the face of the quay, and the heading in the berth
     away: Array  # (3,) unit vector from the quay to the water, and 0
 
-    def start_pose(self, free: "shapely.Geometry", rng: np.random.Generator) -> Array:
-        """A pose (3,) drawn evenly over the start and its headings, at a free position.
-
-        Raises ConfigurationError if there is none.
-        """
-        low, high = np.reshape(self.start.bounds, (2, 2))
-        heading = float(rng.uniform(*self.headings))
-        drawn = rng.uniform(low, high, (TRIES, 2))
-        inside = shapely.intersection(self.start, free)
-        good = drawn[shapely.covers(inside, shapely.points(drawn))]
-        if not len(good):
-            raise ConfigurationError("it does not contain the start with room to turn")
-        return np.array([*good[0], heading])
-
 
 def harbour_of(text: str, length_m: float) -> Harbour:
     """The harbour of a GeoJSON text for a vessel of a length [m]; raises ConfigurationError.
 
-    It is a FeatureCollection, each feature with a `role` in its properties: `obstacle` (the
-    default; polygons), `water` (a polygon: all around it is land), `start` (a polygon or point,
-    with `headings_deg`) and `quay` (a line along its face in the heading of the berthed vessel,
-    which lies at the middle, with the `side` of the quay). The member `units` says what
-    coordinates (east, north) are: `lengths` of the vessel or `metres`. Without it they are degrees
-    about the longitude and latitude in `origin`, by default the quay's first point.
+    It is a FeatureCollection of features with a `role`: `obstacle` (the default; polygons), `water`
+    (a polygon: all around it is land), `start` (a polygon or point, with `headings_deg`) and `quay`
+    (a line along its face as the vessel heads, with its `side`). Coordinates (east, north) are in
+    `units`, `lengths` or `metres`, or in degrees about `origin`; docs/docking.md says more.
     """
     content, shapes = shapes_of(text)
 
@@ -118,14 +102,11 @@ def harbour_of(text: str, length_m: float) -> Harbour:
             f"two points, one of {SIDES} and one of {UNITS}"
         )
     origin = content.get("origin", along[0]) if units is None else None
-
-    def placed(shape: "shapely.Geometry") -> "shapely.Geometry":
-        return in_metres(shape, origin, length_m if units == "lengths" else 1.0)
-
+    placed = partial(in_metres, origin=origin, scale=length_m if units == "lengths" else 1.0)
     solid, water = ([placed(shape) for _, shape in of(role)] for role in ("obstacle", "water"))
     start, quay = placed(start), placed(quay)
-    south, west, north, east = shapely.total_bounds([*water, *solid, start, quay])
-    area = shapely.box(south - length_m, west - length_m, north + length_m, east + length_m)
+    edges = shapely.total_bounds([*water, *solid, start, quay])
+    area = shapely.box(*(edges + length_m * np.array([-1.0, -1.0, 1.0, 1.0])))
     around = [shapely.difference(area, shapely.union_all(water))] if water else []
     land = shapely.union_all([*solid, *around])
     first, last = shapely.get_coordinates(quay)
@@ -152,9 +133,7 @@ def placed(hull: Array, poses: Array) -> Array:
 
 def distances(land: "shapely.Geometry", hull: Array, poses: Array) -> Array:
     """Distance [m] of a hull (m, 2) at poses (N, 3) from the land, (N,); 0 where they meet."""
-    return np.asarray(
-        shapely.distance(shapely.polygons(placed(hull, poses)), land), dtype=np.float64
-    )
+    return np.asarray(shapely.distance(shapely.polygons(placed(hull, poses)), land))
 
 
 def clearances(
@@ -162,38 +141,22 @@ def clearances(
 ) -> tuple[Array, Array]:
     """Distances along a motion that is linear between its poses, by conservative advancement.
 
-    An interval is halved while it may hold a contact or the smallest distance, until it is
-    known within the tolerance.
-
-    Args:
-        land: the obstacles.
-        hull: corners in body axes [m], (m, 2).
-        poses: unwrapped headings [m, m, rad], (N, 3).
-        tolerance_m: of contacts and of the smallest distance [m].
-
-    Returns:
-        Times, in samples, and distances [m] at them, (M,) each with M >= N.
+    An interval is halved while it may hold a contact or the smallest distance, until it is known
+    within the tolerance. The hull (m, 2) is in body axes [m], at poses (N, 3) [m, m, rad] with
+    unwrapped headings. Returns poses of the motion, (M, 3), and the distances [m] at them, (M,).
     """
     reach = float(np.max(np.hypot(*hull.T)))
-    t, d = np.arange(len(poses), dtype=np.float64), distances(land, hull, poses)
+    d = distances(land, hull, poses)
     while True:
-        at = interpolated(poses, t)
-        moved = np.hypot(*np.diff(at[:, :2], axis=0).T) + reach * np.abs(np.diff(at[:, 2]))
+        moved = np.hypot(*np.diff(poses[:, :2], axis=0).T) + reach * np.abs(np.diff(poses[:, 2]))
         least = 0.5 * (d[:-1] + d[1:] - moved)
         unsure = (least <= 0.0) & (np.maximum(d[:-1], d[1:]) > 0.0) & (moved > tolerance_m)
         unsure |= least < np.min(d) - tolerance_m
         if not np.any(unsure):
-            return t, d
-        between = 0.5 * (t[:-1] + t[1:])[unsure]
-        d = np.concatenate([d, distances(land, hull, interpolated(poses, between))])
-        t = np.concatenate([t, between])
-        order = np.argsort(t, kind="stable")
-        t, d = t[order], d[order]
-
-
-def interpolated(poses: Array, t: Array) -> Array:
-    """Poses (M, 3) at times (M,), in samples, of a motion that is linear between poses (N, 3)."""
-    return np.column_stack([np.interp(t, np.arange(len(poses)), column) for column in poses.T])
+            return poses, d
+        between, after = 0.5 * (poses[:-1] + poses[1:])[unsure], np.flatnonzero(unsure) + 1
+        poses = np.insert(poses, after, between, axis=0)
+        d = np.insert(d, after, distances(land, hull, between))
 
 
 def contacts(distance: Array) -> int:
@@ -227,12 +190,11 @@ def separating_lines(hull: Array, poses: Array, obstacles: Sequence[Array], coun
     al. (2019); Ericson (2005), section 5.2.1.
 
     The hull (m, 2) is in body axes [m], at poses (N, 3) [m, m, rad]; obstacles are (n, 2) each [m].
-    Returns shape (N, count, 3); rows without an obstacle are (0, 0, -inf).
+    Returns shape (N, count, 3); rows without an obstacle are (0, 0, -NOWHERE).
     """
-    turned = placed(hull, poses)
-    lines = np.zeros((len(poses), max(count, len(obstacles)), 4))  # (n, max n' q, separation)
-    lines[:, :, 2:] = -np.inf, np.inf
-    for k, polygon in enumerate(obstacles):
+    turned, at = placed(hull, poses), np.arange(len(poses))
+    lines = [np.tile((0.0, 0.0, -NOWHERE, np.inf), (len(poses), 1))] * count
+    for polygon in obstacles:
         between = (turned[:, :, None] - polygon).reshape(len(poses), -1, 2)
         same = np.broadcast_to(polygon, (len(poses), *polygon.shape))
         sides = [np.roll(corners, -1, axis=1) - corners for corners in (turned, same)]
@@ -243,8 +205,8 @@ def separating_lines(hull: Array, poses: Array, obstacles: Sequence[Array], coun
         far = np.max(axes @ polygon.T, axis=2)
         apart = np.min(axes @ turned.swapaxes(1, 2), axis=2) - far
         apart[size < TINY] = -np.inf  # corners that touch
-        best = np.argmax(apart, axis=1)[:, None]
-        values = np.concatenate([axes, far[:, :, None], apart[:, :, None]], axis=2)
-        lines[:, k] = np.take_along_axis(values, best[:, :, None], axis=1)[:, 0]
-    nearest = np.argsort(lines[:, :, 3], axis=1, kind="stable")[:, :count]
-    return np.asarray(np.take_along_axis(lines, nearest[:, :, None], axis=1)[:, :, :3])
+        best = at, np.argmax(apart, axis=1)
+        lines.append(np.column_stack([axes[best], far[best], apart[best]]))
+    every = np.stack(lines, axis=1)  # (n, max n' q, separation)
+    nearest = np.argsort(every[:, :, 3], axis=1, kind="stable")[:, :count]
+    return np.asarray(np.take_along_axis(every, nearest[:, :, None], axis=1)[:, :, :3])

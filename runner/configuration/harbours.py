@@ -3,21 +3,19 @@
 from collections.abc import Mapping
 
 from seatrial.models.errors import ConfigurationError
-from seatrial.runner.configuration.invocation import meant
 from seatrial.runner.configuration.search_path import HARBOURS, harbour_file
 
 
 def with_harbours(node: object) -> object:
     """The options of an evaluation with the texts of its harbours; raises ConfigurationError."""
-    names = node.get("harbour") if isinstance(node, Mapping) else None
-    if not isinstance(node, Mapping) or not isinstance(names, str | list | tuple):
+    if not isinstance(node, Mapping) or isinstance(node.get("harbour", {}), Mapping):
         return node
-    texts: dict[str, str] = {}
-    for name in map(str, [names] if isinstance(names, str) else names):
-        try:
-            texts[name] = harbour_file(name).read_text(encoding="utf-8")
-        except (OSError, ValueError) as error:
-            known = sorted(file.stem for file in HARBOURS.glob("*.geojson"))
-            hint = meant(name, known) or f"expected a GeoJSON file or one of {known}; "
-            raise ConfigurationError(f"evaluation.harbour: {name}: {hint}{error}") from error
+    names = [node["harbour"]] if isinstance(node["harbour"], str) else node["harbour"]
+    try:
+        texts = {str(name): harbour_file(name).read_text(encoding="utf-8") for name in names}
+    except (OSError, ValueError, TypeError) as error:
+        known = sorted(file.stem for file in HARBOURS.glob("*.geojson"))
+        raise ConfigurationError(
+            f"evaluation.harbour: {error}, expected some of {known} or GeoJSON files"
+        ) from error
     return {**node, "harbour": texts}

@@ -6,7 +6,8 @@ import numpy as np
 import pytest
 import shapely
 
-from seatrial.models.excitation.docking import DrawnDocking
+from seatrial.models.excitation.docking import Docking
+from seatrial.models.planning.harbour import Harbour
 from seatrial.models.simulation.voyage import Log, Voyage
 from seatrial.models.vessel.basis import Array
 from seatrial.models.vessel.kinematics import in_ned
@@ -19,24 +20,28 @@ from tests.trials import composed
 PLANE = ("surge", "sway", "yaw")
 
 
-def mission(vessel: str = "milliampere") -> DrawnDocking:
+def mission(vessel: str = "milliampere") -> Docking:
     trial = composed(f"vessel={vessel}", "evaluation=docking", "identifier=none", "seed=1")
     evaluation = drawn(trial, Streams(1)).evaluation
-    assert isinstance(evaluation, DrawnDocking)
+    assert isinstance(evaluation, Docking)
     return evaluation
 
 
-def sailed(docking: DrawnDocking, poses: Array, tau: Array | None = None) -> SimulatedMission:
+def place(docking: Docking) -> Harbour:
+    return next(iter(docking.harbours.values()))
+
+
+def sailed(docking: Docking, poses: Array, tau: Array | None = None) -> SimulatedMission:
     """A voyage through these poses, with limits of 1 on each axis."""
     zero = np.zeros((len(poses), 3))
     log = Log(*(zero for _ in Log._fields))._replace(eta=poses, tau=zero if tau is None else tau)
     weather = Weather(zero, zero, zero, zero)
-    period = docking.options.period_s
+    period = docking.period_s
     voyage = Voyage(period * np.arange(len(poses)), log, PLANE, weather, True)
     return SimulatedMission(voyage, period, ControlDesign(PLANE, np.zeros(3), (1.0, 1.0, 1.0)))
 
 
-def values(docking: DrawnDocking, voyage: SimulatedMission) -> dict[str, float]:
+def values(docking: Docking, voyage: SimulatedMission) -> dict[str, float]:
     rows = berthing_results(docking, voyage, "nominal").metrics
     return {row.name: row.value for row in rows if row.value is not None}
 
@@ -45,12 +50,12 @@ def test_an_exact_voyage_is_berthed_with_the_gap() -> None:
     docking = mission()
     poses, found = docking.poses, values(docking, sailed(docking, docking.poses))
     assert found["contacts"] == 0.0
-    assert found["smallest_clearance"] == pytest.approx(docking.options.gap, rel=1e-6)
+    assert found["smallest_clearance"] == pytest.approx(docking.gap, rel=1e-6)
     assert found["final_position_error"] == found["final_heading_error"] == 0.0
-    length = docking.options.vessel.scales.length_m
+    length = docking.vessel.scales.length_m
     off = np.hypot(*(poses - poses[-1])[:, :2].T) / length
-    first = int(np.flatnonzero(off > docking.options.within)[-1]) + 1
-    assert found["time_to_berth"] == pytest.approx(first * docking.options.period_s)
+    first = int(np.flatnonzero(off > docking.within)[-1]) + 1
+    assert found["time_to_berth"] == pytest.approx(first * docking.period_s)
 
 
 def test_a_run_shows_contacts_and_the_error_in_the_berth_first() -> None:
@@ -64,8 +69,8 @@ def test_a_run_shows_contacts_and_the_error_in_the_berth_first() -> None:
 
 def test_a_voyage_into_the_quay_and_one_beside_the_berth() -> None:
     docking = mission()
-    poses, length = docking.poses, docking.options.vessel.scales.length_m
-    towards = -0.1 * length * docking.harbour.away
+    poses, length = docking.poses, docking.vessel.scales.length_m
+    towards = -0.1 * length * place(docking).away
     into = values(docking, sailed(docking, poses + towards))
     assert into["contacts"] == 1.0
     assert into["smallest_clearance"] == 0.0
@@ -96,10 +101,11 @@ def test_the_metrics_do_not_depend_on_the_frame() -> None:
     def moved_poses(at: Array) -> Array:
         return np.column_stack([moved(at[:, :2]), at[:, 2] + turn])
 
-    harbour = docking.harbour
+    [(name, harbour)] = docking.harbours.items()
     land = shapely.transform(harbour.land, moved)
     there = moved_poses(docking.poses)
-    other = replace(docking, harbour=harbour._replace(land=land), poses=there)
+    other = replace(docking, poses=there)
+    other.harbours[name] = harbour._replace(land=land)
     first = values(docking, sailed(docking, poses))
     second = values(other, sailed(other, moved_poses(poses)))
     for name, value in first.items():
@@ -116,4 +122,4 @@ def test_the_stored_harbour_has_the_hull_and_the_land() -> None:
         shapely.Polygon(corners[columns["polygon"] == number])
         for number in np.unique(columns["polygon"])[1:]
     ]
-    assert shapely.union_all(parts).area == pytest.approx(docking.harbour.land.area)
+    assert shapely.union_all(parts).area == pytest.approx(place(docking).land.area)
