@@ -193,20 +193,21 @@ def separating_lines(hull: Array, poses: Array, obstacles: Sequence[Array], coun
     Returns shape (N, count, 3); rows without an obstacle are (0, 0, -NOWHERE).
     """
     turned, at = placed(hull, poses), np.arange(len(poses))
+    corners = np.swapaxes(turned, 0, 1)
     lines = [np.tile((0.0, 0.0, -NOWHERE, np.inf), (len(poses), 1))] * count
     for polygon in obstacles:
         between = (turned[:, :, None] - polygon).reshape(len(poses), -1, 2)
         same = np.broadcast_to(polygon, (len(poses), *polygon.shape))
-        sides = [np.roll(corners, -1, axis=1) - corners for corners in (turned, same)]
+        sides = [np.roll(ring, -1, axis=1) - ring for ring in (turned, same)]
         normals = np.concatenate(sides, axis=1)[:, :, ::-1] * (-1.0, 1.0)
-        axes = np.concatenate([between, normals, -normals], axis=1)
-        size = np.hypot(axes[:, :, 0], axes[:, :, 1])
-        axes /= np.maximum(size, TINY)[:, :, None]
-        far = np.max(axes @ polygon.T, axis=2)
-        apart = np.min(axes @ turned.swapaxes(1, 2), axis=2) - far
-        apart[size < TINY] = -np.inf  # corners that touch
+        north, east = np.moveaxis(np.concatenate([between, normals, -normals], axis=1), 2, 0)
+        size = np.hypot(north, east)
+        north, east = (axis / np.maximum(size, TINY) for axis in (north, east))
+        far = np.max([north * q[0] + east * q[1] for q in polygon], axis=0)
+        near = np.min([north * p[:, :1] + east * p[:, 1:] for p in corners], axis=0)
+        apart = np.where(size > TINY, near - far, -np.inf)  # else corners that touch
         best = at, np.argmax(apart, axis=1)
-        lines.append(np.column_stack([axes[best], far[best], apart[best]]))
+        lines.append(np.column_stack([north[best], east[best], far[best], apart[best]]))
     every = np.stack(lines, axis=1)  # (n, max n' q, separation)
     nearest = np.argsort(every[:, :, 3], axis=1, kind="stable")[:, :count]
     return np.asarray(np.take_along_axis(every, nearest[:, :, None], axis=1)[:, :, :3])
