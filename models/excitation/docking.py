@@ -15,16 +15,9 @@ import numpy as np
 
 from seatrial.models.errors import ConfigurationError
 from seatrial.models.excitation.guidance import ReferenceFilter
-from seatrial.models.excitation.missions import Length, Mission
-from seatrial.models.notation import PLANAR
-from seatrial.models.planning.harbour import (
-    Harbour,
-    convex_parts,
-    distances,
-    harbour_of,
-    hull_outline,
-)
-from seatrial.models.planning.planner import Pace, PlanningTask, Waters, plan
+from seatrial.models.excitation.missions import Length, Mission, planar_only
+from seatrial.models.planning.harbour import Harbour, distances, harbour_of, hull_outline
+from seatrial.models.planning.planner import Pace, PlanningTask, Waters, inside, plan
 from seatrial.models.ranges import NotNegative, Positive, check_ranges
 from seatrial.models.simulation.registry import Timetable
 from seatrial.models.simulation.voyage import Outlook
@@ -35,6 +28,7 @@ from seatrial.models.vessel.tuning import FromVessel
 
 WAY = 2.0  # longest passage that is expected, in widths of the harbour, north and east
 APPROACHES = 100  # distances from the quay at which an approach is looked for
+TRIES = 1000  # positions that are drawn for a start
 ROOM = 0.2  # [L] beyond the nearest free approach, to keep away from what surrounds it
 
 
@@ -42,14 +36,14 @@ ROOM = 0.2  # [L] beyond the nearest free approach, to keep away from what surro
 class Docking(Mission):
     """Docking in one of several harbours, drawn for each seed like the start.
 
-    `harbour` names supplied harbours or GeoJSON files, whose texts are in `charts`. Passages are
-    sailed at the shares `passage` and `berthing` of the speeds ahead and across in `speed`
-    [m/s, m/s, rad/s], with turns at the third. `rests` are the times at the approach pose and in
-    the berth, in units of the time constant of the reference filter. A vessel is berthed
-    when its errors stay within `within` [L] and `within_deg`.
+    `harbour` holds the texts of GeoJSON files by name. Passages are sailed at the shares `passage`
+    and `berthing` of the speeds ahead and across in `speed` [m/s, m/s, rad/s], with turns at the
+    third. `rests` are the times at the approach pose and in the berth, in units of the time
+    constant of the reference filter. A vessel is berthed when its errors stay within `within` [L]
+    and `within_deg`.
     """
 
-    harbour: tuple[str, ...]
+    harbour: dict[str, str]
     speed: Annotated[tuple[Positive, ...], FromVessel("tuning.control.mission.speed")]
     passage: Positive
     berthing: Positive
@@ -62,38 +56,27 @@ class Docking(Mission):
     vessel: VesselParameters
     reference_filter: ReferenceFilter
     period_s: Positive
-    charts: dict[str, str]
+    poses: Any = None  # set-points (N, 3) at the control instants, once they are drawn
 
     def __post_init__(self) -> None:
         check_ranges(self)
-        if not self.harbour or not {*self.harbour} <= {*self.charts}:
-            got = [*self.harbour]
-            raise ConfigurationError(f"harbour: got {got}, expected some of {[*self.charts]}")
         _ = self.harbours
-        if len(self.speed) != len(self.vessel.dofs):
+        most, got = self.vessel.scales.speeds, self.speed
+        if self.vessel.planar and (len(got) != 3 or np.any(np.array(got) > most)):
             raise ConfigurationError(
-                f"speed: got {len(self.speed)} numbers, expected {len(self.vessel.dofs)}"
+                f"speed: got {list(got)}, expected three numbers and at most the "
+                f"{np.round(most, 3).tolist()} that {self.vessel.name} attains with full thrust"
             )
-        for i, name in enumerate(self.vessel.dofs if self.vessel.planar else ()):
-            most = float(self.vessel.scales.speeds[i])
-            if self.speed[i] > most:
-                raise ConfigurationError(
-                    f"speed: got {self.speed[i]:g} in {name}, expected at most the {most:.3g} that "
-                    f"{self.vessel.name} attains with full thrust"
-                )
-
-    @property
-    def length_m(self) -> float:
-        """Length of the hull [m]."""
-        return self.vessel.scales.length_m
 
     @cached_property
     def harbours(self) -> dict[str, Harbour]:
         """The harbours by name."""
+        if not self.harbour:
+            raise ConfigurationError("harbour: got no name, expected at least one")
         found = {}
-        for name, text in self.charts.items():
+        for name, text in self.harbour.items():
             try:
-                found[name] = harbour_of(text, self.length_m)
+                found[name] = harbour_of(text, self.vessel.scales.length_m)
             except (ConfigurationError, ValueError, TypeError) as error:
                 raise ConfigurationError(f"harbour: {name}: {error}") from error
         return found
@@ -101,7 +84,8 @@ class Docking(Mission):
     @property
     def hull(self) -> Array:
         """Corners of the hull, (5, 2) [m], body axes."""
-        return hull_outline(self.length_m, self.vessel.beam_m or self.length_m / SLENDERNESS)
+        length = self.vessel.scales.length_m
+        return hull_outline(length, self.vessel.beam_m or length / SLENDERNESS)
 
     @property
     def pace(self) -> Pace:
@@ -109,16 +93,14 @@ class Docking(Mission):
         return Pace(self.passage * self.speed[0], self.speed[-1], self.period_s)
 
     @property
-    def rest_s(self) -> Array:
-        """Times at the approach pose and in the berth [s], (2,)."""
-        return np.array(self.rests) / self.reference_filter.bandwidth_rad_s
-
-    @property
     def duration_s(self) -> float:
-        """An upper bound of the length [s], before the draw: of a passage around the harbour."""
+        """Length [s]; before the draw an upper bound: of a passage around the harbour."""
+        if self.poses is not None:
+            return len(self.poses) * self.period_s
         way = WAY * max(float(np.sum(np.ptp(one.area, axis=0))) for one in self.harbours.values())
         turn = 2.0 * np.pi / self.pace.turn_rate_rad_s
-        return float(way / self.pace.speed_m_s + turn + np.sum(self.rest_s))
+        rest = sum(self.rests) / self.reference_filter.bandwidth_rad_s
+        return float(way / self.pace.speed_m_s + turn + rest)
 
     def length(self) -> Length:
         """The upper bound of the length, which the speed ahead decides on."""
@@ -126,94 +108,22 @@ class Docking(Mission):
 
     def check(self, dofs: Sequence[str]) -> None:
         """Raise ConfigurationError unless the vessel is planar."""
-        if tuple(dofs) != PLANAR:
-            raise ConfigurationError(
-                f"a berth needs a vessel in {', '.join(PLANAR)}, got one in {', '.join(dofs)}"
-            )
+        planar_only("a berth", dofs)
 
-    def drawn(self, rng: np.random.Generator) -> "DrawnDocking":
-        """The docking in one of the harbours from one start; the same for a stream.
-
-        Raises ConfigurationError with what is in the way of the hull.
-        """
+    def drawn(self, rng: np.random.Generator) -> "Docking":
+        """The docking in a harbour from a start; ConfigurationError with what is in the way."""
         self.check(self.vessel.dofs)
-        name = self.harbour[int(rng.integers(len(self.harbour)))]
+        name = [*self.harbours][int(rng.integers(len(self.harbours)))]
         try:
-            return self._in_harbour(name, rng)
+            poses = self._setpoints(self.harbours[name], rng)
         except ConfigurationError as error:
             raise ConfigurationError(f"harbour: {name}: {error}") from error
-
-    def _in_harbour(self, name: str, rng: np.random.Generator) -> "DrawnDocking":
-        """Draw the start in a harbour and plan the set-points.
-
-        The planner's lattice lies along the berth, so that a narrow basin can be entered: the plan
-        leaves the berth with the bow where the stern is, and is sailed in reverse.
-        """
-        harbour, length, hull = self.harbours[name], self.length_m, self.hull
-        beam = float(np.ptp(hull[:, 1]))
-        target = harbour.berth(0.5 * beam + self.gap * length)
-        if distances(harbour.land, hull, target[None, :])[0] <= 0.0:
-            raise ConfigurationError(
-                f"it does not contain the target: the hull, {length:.3g} m by {beam:.3g} m, meets "
-                f"the land at ({target[0]:.3g}, {target[1]:.3g}) m, or is wider than the basin"
-            )
-        turned = np.array([0.0, 0.0, np.pi])
-        waters = Waters(harbour.area, convex_parts(harbour.land), self.clearance * length)
-        approach = self._approach(harbour, waters)
-        start = harbour.start_pose(waters.free(), rng)
-        path = plan(PlanningTask(waters, {}, {}, approach + turned, start + turned,
-                                 self.cell * length, self.pace))  # fmt: skip
-        across = replace(self.pace, speed_m_s=self.berthing * self.speed[1])
-        before, after = np.round(self.rest_s / self.period_s).astype(int)
-        still = np.tile(approach, (before, 1))
-        poses = np.vstack([path.poses[::-1] - turned, still, across.line(approach, target)])
-        rest = np.tile(target, (after, 1))
-        return DrawnDocking(self, name, harbour, np.vstack([poses, rest]), len(poses))
-
-    def _approach(self, harbour: Harbour, waters: Waters) -> Array:
-        """The pose beside the berth (3,) from which it is entered, clear of the land."""
-        away = np.linspace(0.0, 0.5 * float(np.ptp(harbour.area)), APPROACHES)
-        poses = np.array([harbour.berth(distance) for distance in away])
-        room = waters.distance(poses[:, :2])
-        free = np.flatnonzero(room > waters.clearance_m)
-        if not len(free):
-            raise ConfigurationError(
-                f"no approach to the berth has a clearance of {waters.clearance_m:.3g} m: got at "
-                f"most {np.max(room):.3g} m"
-            )
-        near = free[away[free] <= away[free[0]] + ROOM * self.length_m]
-        return np.asarray(poses[near[np.argmax(room[near])]])
-
-
-@dataclass(frozen=True, eq=False)
-class DrawnDocking(Mission):
-    """A docking in its harbour from its start; SI units, NED."""
-
-    options: Docking
-    name: str  # of the harbour
-    harbour: Harbour
-    poses: Any  # set-points at the control instants, an array (N, 3)
-    berthed: int  # instant at which the set-point reaches the berth
+        return replace(self, harbour={name: self.harbour[name]}, poses=poses)
 
     @property
-    def duration_s(self) -> float:
-        """Length of the passage, the berthing and the rest [s]."""
-        return len(self.poses) * self.options.period_s
-
-    @property
-    def reference_filter(self) -> ReferenceFilter:
-        """The reference model of the options."""
-        return self.options.reference_filter
-
-    @cached_property
-    def obstacles(self) -> tuple[Array, ...]:
-        """Convex parts of the land, (n, 2) each."""
-        return convex_parts(self.harbour.land)
-
-    @property
-    def start(self) -> Array:
+    def start(self) -> Array | None:
         """The drawn pose (3,) [m, m, rad]."""
-        return np.asarray(self.poses[0])
+        return None if self.poses is None else np.asarray(self.poses[0])
 
     def guidance(self, t: Array, start: Array) -> tuple[NamedTuple, Array]:
         """The set-points as a timetable."""
@@ -221,4 +131,43 @@ class DrawnDocking(Mission):
 
     def foreseen(self, outlook: Outlook) -> Outlook:
         """The preview with the land and the hull."""
-        return outlook._replace(obstacles=self.obstacles, hull=self.options.hull)
+        [harbour] = self.harbours.values()
+        return outlook._replace(obstacles=harbour.parts, hull=self.hull)
+
+    def _setpoints(self, harbour: Harbour, rng: np.random.Generator) -> Array:
+        """Draw the start in a harbour and plan the set-points, (N, 3) [m, m, rad].
+
+        The planner's lattice lies along the berth, so that a narrow basin can be entered: the plan
+        leaves the berth with the bow where the stern is, and is sailed in reverse.
+        """
+        length, hull, turned = self.vessel.scales.length_m, self.hull, np.array([0.0, 0.0, np.pi])
+        beam = float(np.ptp(hull[:, 1]))
+        target = harbour.face + (0.5 * beam + self.gap * length) * harbour.away
+        if distances(harbour.land, hull, target[None, :])[0] <= 0.0:
+            raise ConfigurationError(
+                f"it does not contain the target: the hull, {length:.3g} m by {beam:.3g} m, meets "
+                f"the land at ({target[0]:.3g}, {target[1]:.3g}) m, or is wider than the basin"
+            )
+        waters = Waters(harbour.area, harbour.parts, self.clearance * length)
+        away = np.linspace(0.0, 0.5 * float(np.ptp(harbour.area)), APPROACHES)
+        beside = harbour.face + away[:, None] * harbour.away
+        room = waters.distance(beside[:, :2])
+        free = np.flatnonzero(room > waters.clearance_m)
+        if not len(free):
+            raise ConfigurationError(f"no approach is {waters.clearance_m:.3g} m from the land")
+        near = free[away[free] <= away[free[0]] + ROOM * length]
+        approach = beside[near[np.argmax(room[near])]]
+        heading = float(rng.uniform(*harbour.headings))
+        low, high = np.reshape(harbour.start.bounds, (2, 2))
+        drawn = rng.uniform(low, high, (TRIES, 2))
+        good = drawn[inside(harbour.start, drawn) & inside(waters.free(), drawn)]
+        if not len(good):
+            raise ConfigurationError("it does not contain the start with room to turn")
+        start = np.array([*good[0], heading])
+        path = plan(PlanningTask(waters, {}, {}, approach + turned, start + turned,
+                                 self.cell * length, self.pace))  # fmt: skip
+        across = replace(self.pace, speed_m_s=self.berthing * self.speed[1])
+        rests_s = np.array(self.rests) / self.reference_filter.bandwidth_rad_s
+        before, after = np.round(rests_s / self.period_s).astype(int)
+        still, rest = np.tile(approach, (before, 1)), np.tile(target, (after, 1))
+        return np.vstack([path.poses[::-1] - turned, still, across.line(approach, target), rest])

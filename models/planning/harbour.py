@@ -9,11 +9,11 @@ systems, section 2.3.
 
 import json
 from collections.abc import Mapping, Sequence
+from functools import partial
 from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 
-from seatrial.models.compiled import kernel
 from seatrial.models.errors import ConfigurationError
 from seatrial.models.vessel.basis import Array
 from seatrial.models.vessel.kinematics import in_ned
@@ -27,12 +27,10 @@ else:
     pymap3d = lazy_loader.load("pymap3d")  # slow to import
     shapely = lazy_loader.load("shapely")
 
-UNITS, SIDES = ("lengths", "metres"), ("port", "starboard")
+UNITS, SIDES = ("lengths", "metres", None), ("port", "starboard")
 SHOULDER = 0.7  # of the length from the stern: where the sides end and the bow begins
 FLAT = 1e-9  # share of its area by which a polygon may fall short of its convex hull
-ROUNDS = 60  # halvings of a sampling interval, at most: to less than rounding
-TINY = 1e-12  # [m]
-TRIES = 1000  # positions that are drawn for a start
+TINY, NOWHERE = 1e-12, 1e6  # [m]
 Shape = tuple[Mapping[str, Any], "shapely.Geometry"]  # with its properties
 
 
@@ -74,81 +72,51 @@ class Harbour(NamedTuple):
 
     area: Array  # corners of a rectangle around all, (4, 2)
     land: "shapely.Geometry"
+    parts: tuple[Array, ...]  # convex ones of the land, (n, 2) each
     start: "shapely.Geometry"  # polygon of positions at the start, or the only one
     headings: Array  # at the start, from and to [rad]
-    face: Array  # (2,) middle of the berth, on the face of the quay
-    heading: float  # of the berthed vessel [rad]
-    side: float  # of the quay seen from the vessel: 1 starboard, -1 port
-
-    @property
-    def away(self) -> Array:
-        """Unit vector from the quay to the water, (2,)."""
-        return in_ned(np.array([0.0, -self.side]), self.heading)
-
-    def berth(self, distance_m: float) -> Array:
-        """The pose along the quay, so far from its face, (3,) [m, m, rad]."""
-        return np.array([*(self.face + distance_m * self.away), self.heading])
-
-    def start_pose(self, free: "shapely.Geometry", rng: np.random.Generator) -> Array:
-        """A pose (3,) drawn evenly over the start and its headings, at a free position.
-
-        Raises ConfigurationError if there is none.
-        """
-        low, high = np.reshape(self.start.bounds, (2, 2))
-        heading = float(rng.uniform(*self.headings))
-        drawn = rng.uniform(low, high, (TRIES, 2))
-        inside = shapely.intersection(self.start, free)
-        good = drawn[shapely.covers(inside, shapely.points(drawn))]
-        if not len(good):
-            raise ConfigurationError("it does not contain the start with room to turn")
-        return np.array([*good[0], heading])
+    face: Array  # (3,) middle of the berth, on the face of the quay, and the heading in the berth
+    away: Array  # (3,) unit vector from the quay to the water, and 0
 
 
 def harbour_of(text: str, length_m: float) -> Harbour:
     """The harbour of a GeoJSON text for a vessel of a length [m]; raises ConfigurationError.
 
-    It is a FeatureCollection, each feature with a `role` in its properties: `obstacle` (the
-    default; polygons), `water` (a polygon: all around it is land), `start` (a polygon or point,
-    with `headings_deg`) and `quay` (a line along its face in the heading of the berthed vessel,
-    which lies at the middle, with the `side` of the quay). The member `units` says what
-    coordinates (east, north) are: `lengths` of the vessel or `metres`. Without it they are degrees
-    about the longitude and latitude in `origin`, by default the quay's first point.
+    It is a FeatureCollection of features with a `role`: `obstacle` (the default; polygons), `water`
+    (a polygon: all around it is land), `start` (a polygon or point, with `headings_deg`) and `quay`
+    (a line along its face as the vessel heads, with its `side`). Coordinates (east, north) are in
+    `units`, `lengths` or `metres`, or in degrees about `origin`; docs/docking.md says more.
     """
     content, shapes = shapes_of(text)
-    beginning, start = _only(shapes, "start", "Polygon", "Point")
-    berth, quay = _only(shapes, "quay", "LineString")
+
+    def of(role: str) -> list[Shape]:
+        return [one for one in shapes if one[0].get("role", "obstacle") == role]
+
+    if got := [role for role in ("start", "quay") if len(of(role)) != 1]:
+        raise ConfigurationError(f"got {len(of(got[0]))} features with role {got[0]}, expected one")
+    [(beginning, start)], [(berth, quay)] = of("start"), of("quay")
     along, units, side = shapely.get_coordinates(quay), content.get("units"), berth.get("side")
-    if side not in SIDES or len(along) != 2:
-        raise ConfigurationError(f"quay: got side {side!r}, expected two points and {SIDES}")
-    if units not in (None, *UNITS):
-        raise ConfigurationError(f"units: got {units!r}, expected one of {UNITS} or none")
+    if len(along) != 2 or side not in SIDES or units not in UNITS:
+        raise ConfigurationError(
+            f"got a quay of {len(along)} points with side {side!r} and units {units!r}, expected "
+            f"two points, one of {SIDES} and one of {UNITS}"
+        )
     origin = content.get("origin", along[0]) if units is None else None
-
-    def placed(shape: "shapely.Geometry") -> "shapely.Geometry":
-        return in_metres(shape, origin, length_m if units == "lengths" else 1.0)
-
-    water = [placed(shape) for own, shape in shapes if own.get("role") == "water"]
-    solid = [placed(shape) for own, shape in shapes if own.get("role", "obstacle") == "obstacle"]
+    placed = partial(in_metres, origin=origin, scale=length_m if units == "lengths" else 1.0)
+    solid, water = ([placed(shape) for _, shape in of(role)] for role in ("obstacle", "water"))
     start, quay = placed(start), placed(quay)
-    south, west, north, east = shapely.total_bounds([*water, *solid, start, quay])
-    area = shapely.box(south - length_m, west - length_m, north + length_m, east + length_m)
+    edges = shapely.total_bounds([*water, *solid, start, quay])
+    area = shapely.box(*(edges + length_m * np.array([-1.0, -1.0, 1.0, 1.0])))
     around = [shapely.difference(area, shapely.union_all(water))] if water else []
-    headings = np.radians(beginning.get("headings_deg", (-180.0, 180.0)))
+    land = shapely.union_all([*solid, *around])
     first, last = shapely.get_coordinates(quay)
     heading = float(np.arctan2(*(last - first)[::-1]))
-    return Harbour(shapely.get_coordinates(area)[:-1], shapely.union_all([*solid, *around]), start,
-                   headings, 0.5 * (first + last), heading,
-                   1.0 if side == "starboard" else -1.0)  # fmt: skip
-
-
-def _only(shapes: Sequence[Shape], role: str, *kinds: str) -> Shape:
-    """The only feature of a role; raises ConfigurationError."""
-    own = [one for one in shapes if one[0].get("role") == role and one[1].geom_type in kinds]
-    if len(own) != 1:
-        raise ConfigurationError(
-            f"got {len(own)} features with role {role}, expected one {' or '.join(kinds)}"
-        )
-    return own[0]
+    away = in_ned(np.array([0.0, -1.0 if side == "starboard" else 1.0]), heading)
+    return Harbour(
+        shapely.get_coordinates(area)[:-1], land, convex_parts(land), start,
+        np.radians(beginning.get("headings_deg", (-180.0, 180.0))),
+        np.array([*(0.5 * (first + last)), heading]), np.array([*away, 0.0]),
+    )  # fmt: skip
 
 
 def hull_outline(length_m: float, beam_m: float) -> Array:
@@ -165,9 +133,7 @@ def placed(hull: Array, poses: Array) -> Array:
 
 def distances(land: "shapely.Geometry", hull: Array, poses: Array) -> Array:
     """Distance [m] of a hull (m, 2) at poses (N, 3) from the land, (N,); 0 where they meet."""
-    return np.asarray(
-        shapely.distance(shapely.polygons(placed(hull, poses)), land), dtype=np.float64
-    )
+    return np.asarray(shapely.distance(shapely.polygons(placed(hull, poses)), land))
 
 
 def clearances(
@@ -175,87 +141,44 @@ def clearances(
 ) -> tuple[Array, Array]:
     """Distances along a motion that is linear between its poses, by conservative advancement.
 
-    An interval is halved while it may hold a contact or the smallest distance, until it is
-    known within the tolerance.
-
-    Args:
-        land: the obstacles.
-        hull: corners in body axes [m], (m, 2).
-        poses: unwrapped headings [m, m, rad], (N, 3).
-        tolerance_m: of contacts and of the smallest distance [m].
-
-    Returns:
-        Times, in samples, and distances [m] at them, (M,) each with M >= N.
+    An interval is halved while it may hold a contact or the smallest distance, until it is known
+    within the tolerance. The hull (m, 2) is in body axes [m], at poses (N, 3) [m, m, rad] with
+    unwrapped headings. Returns poses of the motion, (M, 3), and the distances [m] at them, (M,).
     """
     reach = float(np.max(np.hypot(*hull.T)))
-    t, d = np.arange(len(poses), dtype=np.float64), distances(land, hull, poses)
-    for _ in range(ROUNDS):
-        at = interpolated(poses, t)
-        moved = np.hypot(*np.diff(at[:, :2], axis=0).T) + reach * np.abs(np.diff(at[:, 2]))
+    d = distances(land, hull, poses)
+    while True:
+        moved = np.hypot(*np.diff(poses[:, :2], axis=0).T) + reach * np.abs(np.diff(poses[:, 2]))
         least = 0.5 * (d[:-1] + d[1:] - moved)
         unsure = (least <= 0.0) & (np.maximum(d[:-1], d[1:]) > 0.0) & (moved > tolerance_m)
         unsure |= least < np.min(d) - tolerance_m
         if not np.any(unsure):
-            break
-        between = 0.5 * (t[:-1] + t[1:])[unsure]
-        order = np.argsort(np.concatenate([t, between]), kind="stable")
-        d = np.concatenate([d, distances(land, hull, interpolated(poses, between))])[order]
-        t = np.concatenate([t, between])[order]
-    return t, d
-
-
-def interpolated(poses: Array, t: Array) -> Array:
-    """Poses (M, 3) at times (M,), in samples, of a motion that is linear between poses (N, 3)."""
-    return np.column_stack([np.interp(t, np.arange(len(poses)), column) for column in poses.T])
+            return poses, d
+        between, after = 0.5 * (poses[:-1] + poses[1:])[unsure], np.flatnonzero(unsure) + 1
+        poses = np.insert(poses, after, between, axis=0)
+        d = np.insert(d, after, distances(land, hull, between))
 
 
 def contacts(distance: Array) -> int:
     """How many times a distance (N,) becomes zero; a motion that begins there counts."""
-    touching = np.concatenate([[False], distance <= 0.0])
-    return int(np.sum(touching[1:] & ~touching[:-1]))
+    return int(np.sum(np.diff(distance <= 0.0, prepend=False) & (distance <= 0.0)))
 
 
 def convex_parts(land: "shapely.Geometry") -> tuple[Array, ...]:
-    """Convex polygons (n, 2) with the area of a geometry.
-
-    A polygon that is not convex is triangulated, and neighbours are united while that is convex.
-    """
+    """Convex polygons (n, 2) with the area of a geometry: united triangles of its polygons."""
     done: list[shapely.Geometry] = []
     for polygon in shapely.get_parts(land):
-        triangles = shapely.get_parts(shapely.constrained_delaunay_triangles(polygon))
-        left = [polygon] if _convex(polygon) else list(triangles)
+        left = [*shapely.get_parts(shapely.constrained_delaunay_triangles(polygon))]
         while left:
             piece = left.pop()
-            joined = [(i, shapely.union(piece, other)) for i, other in enumerate(left)
-                      if shapely.touches(piece, other)]  # fmt: skip
-            match = next(((i, both) for i, both in joined if _convex(both)), None)
-            if match is None:
-                done.append(piece)
+            for i, other in enumerate(left):
+                both = shapely.convex_hull(shapely.union(piece, other))
+                if both.area <= (1.0 + FLAT) * (piece.area + other.area):
+                    left[i] = both
+                    break
             else:
-                left[match[0]] = shapely.convex_hull(match[1])
+                done.append(piece)
     return tuple(shapely.get_coordinates(shapely.normalize(one))[:-1] for one in done)
-
-
-def _convex(shape: "shapely.Geometry") -> bool:
-    """Whether a shape is one convex polygon."""
-    missing = float(shapely.convex_hull(shape).area) - float(shape.area)
-    return shape.geom_type == "Polygon" and missing <= FLAT * float(shape.area)
-
-
-@kernel
-def _separate(axes: Array, hulls: Array, polygon: Array, best: Array) -> None:
-    """Write (n, max n' q, separation) (N, 4) of the best of axes (N, A, 2) for hulls (N, m, 2)."""
-    for k in range(len(axes)):
-        best[k, 3] = -np.inf
-        for north, east in axes[k]:
-            size, near, far = np.sqrt(north * north + east * east), np.inf, -np.inf
-            for p in hulls[k]:
-                near = min(near, north * p[0] + east * p[1])
-            for q in polygon:
-                far = max(far, north * q[0] + east * q[1])
-            if size > TINY and (near - far) / size > best[k, 3]:  # else corners that touch
-                best[k, 0], best[k, 1] = north / size, east / size
-                best[k, 2], best[k, 3] = far / size, (near - far) / size
 
 
 def separating_lines(hull: Array, poses: Array, obstacles: Sequence[Array], count: int) -> Array:
@@ -267,19 +190,24 @@ def separating_lines(hull: Array, poses: Array, obstacles: Sequence[Array], coun
     al. (2019); Ericson (2005), section 5.2.1.
 
     The hull (m, 2) is in body axes [m], at poses (N, 3) [m, m, rad]; obstacles are (n, 2) each [m].
-    Returns shape (N, count, 3); rows without an obstacle are (0, 0, -inf).
+    Returns shape (N, count, 3); rows without an obstacle are (0, 0, -NOWHERE).
     """
-    turned = placed(hull, poses)
-    lines = np.zeros((len(poses), max(count, len(obstacles)), 4))  # (n, max n' q, separation)
-    lines[:, :, 2:] = -np.inf, np.inf
-    for k, polygon in enumerate(obstacles):
+    turned, at = placed(hull, poses), np.arange(len(poses))
+    corners = np.swapaxes(turned, 0, 1)
+    lines = [np.tile((0.0, 0.0, -NOWHERE, np.inf), (len(poses), 1))] * count
+    for polygon in obstacles:
         between = (turned[:, :, None] - polygon).reshape(len(poses), -1, 2)
-        sides = np.roll(polygon, -1, axis=0) - polygon
-        same = np.broadcast_to(sides, (len(poses), *sides.shape))
-        sides = np.concatenate([np.roll(turned, -1, axis=1) - turned, same], axis=1)
-        normals = sides[:, :, ::-1] * (-1.0, 1.0)
-        _separate(
-            np.concatenate([between, normals, -normals], axis=1), turned, polygon, lines[:, k]
-        )
-    nearest = np.argsort(lines[:, :, 3], axis=1, kind="stable")[:, :count]
-    return np.asarray(np.take_along_axis(lines, nearest[:, :, None], axis=1)[:, :, :3])
+        same = np.broadcast_to(polygon, (len(poses), *polygon.shape))
+        sides = [np.roll(ring, -1, axis=1) - ring for ring in (turned, same)]
+        normals = np.concatenate(sides, axis=1)[:, :, ::-1] * (-1.0, 1.0)
+        north, east = np.moveaxis(np.concatenate([between, normals, -normals], axis=1), 2, 0)
+        size = np.hypot(north, east)
+        north, east = (axis / np.maximum(size, TINY) for axis in (north, east))
+        far = np.max([north * q[0] + east * q[1] for q in polygon], axis=0)
+        near = np.min([north * p[:, :1] + east * p[:, 1:] for p in corners], axis=0)
+        apart = np.where(size > TINY, near - far, -np.inf)  # else corners that touch
+        best = at, np.argmax(apart, axis=1)
+        lines.append(np.column_stack([north[best], east[best], far[best], apart[best]]))
+    every = np.stack(lines, axis=1)  # (n, max n' q, separation)
+    nearest = np.argsort(every[:, :, 3], axis=1, kind="stable")[:, :count]
+    return np.asarray(np.take_along_axis(every, nearest[:, :, None], axis=1)[:, :, :3])

@@ -41,7 +41,7 @@ def test_a_command(stated: Callable[..., None], where: str, obstacles: tuple[Arr
 
     def command() -> float:
         begun = time.process_time()
-        for _ in range(table.design.every):
+        for _ in range(one.command_rows(0.1)):
             measured = pose + 0.01 * rng.normal(size=3)
             CONTROLLERS[PythonTable](
                 table, memory, measured, pose, target, pose, pose, tau, tau.copy()

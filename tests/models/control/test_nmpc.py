@@ -2,6 +2,7 @@
 
 from dataclasses import replace
 from itertools import pairwise
+from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -10,7 +11,7 @@ import pytest
 from docs.vessels import parameters_of
 from seatrial.models.control import nmpc
 from seatrial.models.control.controller import PythonTable
-from seatrial.models.control.nmpc import Nmpc, NmpcMemory, Program
+from seatrial.models.control.nmpc import Nmpc, NmpcMemory, Program, coefficients
 from seatrial.models.errors import ConfigurationError
 from seatrial.models.simulation.registry import CONTROLLERS
 from seatrial.models.simulation.voyage import NO_OUTLOOK, Outlook
@@ -20,18 +21,21 @@ from tests.trials import composed
 pytest.importorskip("casadi", reason="casadi is not installed: pip install '.[nmpc]'")
 HULL = np.array([[2.5, 0.0], [1.0, 1.4], [-2.5, 1.4], [-2.5, -1.4], [1.0, -1.4]])
 QUAY = np.array([[-20.0, 6.0], [20.0, 6.0], [20.0, 12.0], [-20.0, 12.0]])
-PERIOD_S = 0.1
+PERIOD_S, MARGIN_M = 0.1, 0.1
+COMPILE = nmpc.compile_to
 
 
 @pytest.fixture(autouse=True)
 def _interpreted(monkeypatch: pytest.MonkeyPatch) -> None:
     """Small programs are solved faster than compiled."""
-    monkeypatch.setattr(Program, "_compiled", lambda *_: False)
+    monkeypatch.setattr(nmpc, "compile_to", lambda *_: False)
 
 
 def test_a_vessel_on_one_axis_has_a_program() -> None:
     plant = parameters_of("surge_linear").nominal().plant_table()
-    program = Program(plant, ("surge",), False, 5, 0, 0, False, "fatrop")
+    program = Program(
+        plant, ("surge",), False, 5, 0, (1, 1, 1, 1, 1, 0, 0, 0, len(coefficients(plant)))
+    )
     assert program.problem()["x"].numel() == program.length
 
 
@@ -54,7 +58,7 @@ def commands(
     taus, plans = [], []
     for _ in range(count):
         tau = np.zeros(3)
-        for _ in range(table.design.every):
+        for _ in range(table.controller.command_rows(PERIOD_S)):
             CONTROLLERS[PythonTable](
                 table, memory, pose, np.zeros(3), target, pose, pose, tau, np.zeros(3)
             )
@@ -66,11 +70,11 @@ def commands(
 
 
 def test_a_plan_obeys_the_equation_of_motion_and_the_limits() -> None:
-    table, memory = ready(
-        controller("controller.effort=1e-4", "controller.rate_limits=[300,300,900]")
-    )
+    one, rate_limits = controller("controller.effort=1e-4"), (300.0, 300.0, 900.0)
+    assert one.thruster is not None
+    table, memory = ready(replace(one, thruster=replace(one.thruster, rate_limit=rate_limits)))
     taus, _ = commands(table, memory, np.array([8.0, -6.0, 1.0]), np.zeros(3), 12)
-    limits, rates = np.array([1000.0, 1000.0, 1500.0]), np.array([300.0, 300.0, 900.0]) * 0.5
+    limits, rates = np.array([1000.0, 1000.0, 1500.0]), np.array(rate_limits) * 0.5
     assert memory.estimated.failures[0] == 0
     changes = np.abs(np.diff(np.vstack([np.zeros(3), taus]), axis=0))
     assert np.all(changes < rates * (1.0 + 1e-4))
@@ -81,38 +85,46 @@ def test_a_plan_obeys_the_equation_of_motion_and_the_limits() -> None:
     stages = [*program.stages(memory.plan), memory.plan[-program.states :]]
     for now, then in pairwise(stages):
         stage = np.zeros(sum(program.stage))
-        ahead = program.step(
+        ahead = program.functions[0](
             now[: program.states], now[program.states :], stage, table.design.shared
         )
         np.testing.assert_allclose(np.asarray(ahead).ravel(), then[: program.states], atol=1e-6)
 
 
-def test_both_solvers_find_the_same_optimum() -> None:
-    found = []
-    for solver in ("fatrop", "ipopt"):
-        table, memory = ready(controller(f"controller.solver={solver}"))
+def test_ipopt_finds_the_same_optimum_where_fatrop_fails(monkeypatch: pytest.MonkeyPatch) -> None:
+    found, limited = [], {**nmpc.SOLVERS, "fatrop": nmpc.SOLVERS["fatrop"] | {"max_iter": 0}}
+    for solvers in (nmpc.SOLVERS, limited):
+        monkeypatch.setattr(nmpc, "SOLVERS", solvers)
+        monkeypatch.setattr(nmpc, "_KNOWN", {})
+        table, memory = ready(controller())
         commands(table, memory, np.array([2.0, -1.0, 0.4]), np.zeros(3), 1)
+        assert memory.estimated.failures[0] == 0
         found.append(memory.command)
+        assert len(nmpc._KNOWN) == (1 if solvers is not limited else 2)
     np.testing.assert_allclose(found[0], found[1], atol=1e-5)
 
 
-def test_ipopt_solves_where_the_build_lacks_the_solver_that_is_asked_for(
-    monkeypatch: pytest.MonkeyPatch, caplog: pytest.LogCaptureFixture
-) -> None:
+def test_a_build_that_lacks_fatrop_has_ipopt(monkeypatch: pytest.MonkeyPatch) -> None:
     class Lacking:
         def has_nlpsol(self, name: str) -> bool:
             return name == "ipopt"
 
     monkeypatch.setattr(nmpc, "ca", Lacking())
-    nmpc.solver_of.cache_clear()
+    nmpc.solvers.cache_clear()
     try:
-        assert [nmpc.solver_of("fatrop") for _ in range(2)] == ["ipopt", "ipopt"]
-        assert nmpc.solver_of("ipopt") == "ipopt"
+        assert nmpc.solvers() == ["ipopt"]
     finally:
-        nmpc.solver_of.cache_clear()
-    assert [record.message for record in caplog.records] == [
-        "this build of CasADi lacks fatrop: ipopt solves the problems of nmpc"
-    ]
+        nmpc.solvers.cache_clear()
+
+
+def test_without_a_c_compiler_casadi_interprets_which_is_said(
+    monkeypatch: pytest.MonkeyPatch, caplog: pytest.LogCaptureFixture, tmp_path: Path
+) -> None:
+    monkeypatch.setenv("CC", "no-such-compiler")
+    x = nmpc.ca.MX.sym("x", 2)
+    solver = nmpc.ca.nlpsol("nmpc", "ipopt", {"x": x, "f": x.T @ x})
+    assert not COMPILE(solver, tmp_path / "one.so")
+    assert "no-such-compiler" in caplog.text
 
 
 def test_the_hull_stays_beyond_the_margin_from_a_quay_that_the_target_is_in() -> None:
@@ -122,7 +134,7 @@ def test_the_hull_stays_beyond_the_margin_from_a_quay_that_the_target_is_in() ->
     c, s = np.cos(poses[:, 2]), np.sin(poses[:, 2])
     east = poses[:, 1, None] + s[:, None] * HULL[:, 0] + c[:, None] * HULL[:, 1]
     nearest = QUAY[0, 1] - np.max(east)
-    assert nearest == pytest.approx(table.controller.margin_m, abs=5e-3)
+    assert nearest == pytest.approx(MARGIN_M, abs=5e-3)
     assert memory.slack < 5e-3
     assert memory.estimated.failures[0] == 0
 
@@ -131,7 +143,7 @@ def test_a_start_within_an_obstacle_is_feasible_and_its_slack_is_the_depth() -> 
     table, memory = ready(controller(), NO_OUTLOOK._replace(obstacles=(QUAY,), hull=HULL))
     commands(table, memory, np.zeros(3), np.array([0.0, 5.0, 0.0]), 1)
     assert memory.estimated.failures[0] == 0
-    assert memory.slack == pytest.approx(0.4 + table.controller.margin_m, abs=2e-2)
+    assert memory.slack == pytest.approx(0.4 + MARGIN_M, abs=2e-2)
 
 
 def test_an_unsolved_problem_is_counted_and_the_last_plan_is_followed() -> None:
@@ -142,8 +154,7 @@ def test_an_unsolved_problem_is_counted_and_the_last_plan_is_followed() -> None:
     planned = table.design.program.stages(memory.plan)[1, table.design.program.states :][:3]
     away = np.full(table.design.program.length, -np.inf)
     away[0] = 5.0  # north of the start, at which the plan begins
-    bounds: dict[str, Any] = table.design.bounds | {"lbx": away}
-    table = table._replace(design=table.design._replace(bounds=bounds))
+    table.design.program.bounds["lbx"] = away
     commands(table, memory, target, memory.estimated.x[:3].copy(), 1)
     assert memory.estimated.failures[0] == 1
     np.testing.assert_allclose(memory.command, planned)
@@ -161,6 +172,6 @@ def test_without_the_package_or_with_a_limit_of_zero_the_refusal_is_one_line(
             raise ModuleNotFoundError(name)
 
     monkeypatch.setattr(nmpc, "ca", Absent())
-    nmpc.solver_of.cache_clear()
+    nmpc.solvers.cache_clear()
     with pytest.raises(ConfigurationError, match=r"pip install 'seatrial\[nmpc\]'"):
         replace(one)

@@ -27,7 +27,7 @@ def ferry() -> tuple[Nmpc, NmpcDesign, NmpcMemory]:
 def other(design: NmpcDesign) -> Any:
     """The same steps, cost and limits in do-mpc, with its own discretisation and solver."""
     program = design.program
-    step, cost, _ = program.functions()
+    step, cost, _ = program.functions
     stage = np.zeros(sum(program.stage))
     model = do_mpc.model.Model("discrete", "MX")
     x = model.set_variable("_x", "x", (program.states, 1))
@@ -47,7 +47,7 @@ def other(design: NmpcDesign) -> Any:
 
 def value(design: NmpcDesign, states: Array, commands: Array) -> float:
     """The cost of a plan of states (steps + 1, nx) and commands (steps, n)."""
-    _, cost, _ = design.program.functions()
+    _, cost, _ = design.program.functions
     last = np.vstack([commands, states[-1, -design.program.n :]])
     stage = np.zeros(sum(design.program.stage))
     pairs = zip(states, last, strict=True)

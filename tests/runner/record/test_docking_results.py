@@ -6,38 +6,43 @@ import numpy as np
 import pytest
 import shapely
 
-from seatrial.models.excitation.docking import DrawnDocking
+from seatrial.models.excitation.docking import Docking
+from seatrial.models.planning.harbour import Harbour
 from seatrial.models.simulation.voyage import Log, Voyage
 from seatrial.models.vessel.basis import Array
 from seatrial.models.vessel.kinematics import in_ned
 from seatrial.models.weather.weather import Weather
 from seatrial.runner.record.catalogue import METRICS
-from seatrial.runner.trials.berthing import berthing_metrics, harbour_series
+from seatrial.runner.trials.berthing import berthing_results
 from seatrial.runner.trials.closed_loop import ControlDesign, SimulatedMission, Streams, drawn
 from tests.trials import composed
 
 PLANE = ("surge", "sway", "yaw")
 
 
-def mission(vessel: str = "milliampere") -> DrawnDocking:
+def mission(vessel: str = "milliampere") -> Docking:
     trial = composed(f"vessel={vessel}", "evaluation=docking", "identifier=none", "seed=1")
     evaluation = drawn(trial, Streams(1)).evaluation
-    assert isinstance(evaluation, DrawnDocking)
+    assert isinstance(evaluation, Docking)
     return evaluation
 
 
-def sailed(docking: DrawnDocking, poses: Array, tau: Array | None = None) -> SimulatedMission:
+def place(docking: Docking) -> Harbour:
+    return next(iter(docking.harbours.values()))
+
+
+def sailed(docking: Docking, poses: Array, tau: Array | None = None) -> SimulatedMission:
     """A voyage through these poses, with limits of 1 on each axis."""
     zero = np.zeros((len(poses), 3))
     log = Log(*(zero for _ in Log._fields))._replace(eta=poses, tau=zero if tau is None else tau)
     weather = Weather(zero, zero, zero, zero)
-    period = docking.options.period_s
+    period = docking.period_s
     voyage = Voyage(period * np.arange(len(poses)), log, PLANE, weather, True)
     return SimulatedMission(voyage, period, ControlDesign(PLANE, np.zeros(3), (1.0, 1.0, 1.0)))
 
 
-def values(docking: DrawnDocking, voyage: SimulatedMission) -> dict[str, float]:
-    rows = berthing_metrics(docking, voyage, "nominal")
+def values(docking: Docking, voyage: SimulatedMission) -> dict[str, float]:
+    rows = berthing_results(docking, voyage, "nominal").metrics
     return {row.name: row.value for row in rows if row.value is not None}
 
 
@@ -45,18 +50,18 @@ def test_an_exact_voyage_is_berthed_with_the_gap() -> None:
     docking = mission()
     poses, found = docking.poses, values(docking, sailed(docking, docking.poses))
     assert found["contacts"] == 0.0
-    assert found["smallest_clearance"] == pytest.approx(docking.options.gap, rel=1e-6)
+    assert found["smallest_clearance"] == pytest.approx(docking.gap, rel=1e-6)
     assert found["final_position_error"] == found["final_heading_error"] == 0.0
-    length = docking.options.length_m
+    length = docking.vessel.scales.length_m
     off = np.hypot(*(poses - poses[-1])[:, :2].T) / length
-    first = int(np.flatnonzero(off > docking.options.within)[-1]) + 1
-    assert found["time_to_berth"] == pytest.approx(first * docking.options.period_s)
+    first = int(np.flatnonzero(off > docking.within)[-1]) + 1
+    assert found["time_to_berth"] == pytest.approx(first * docking.period_s)
 
 
 def test_a_run_shows_contacts_and_the_error_in_the_berth_first() -> None:
     docking = mission()
     shown = {(metric.name, metric.headline) for metric in METRICS}
-    rows = berthing_metrics(docking, sailed(docking, docking.poses), "nominal")
+    rows = berthing_results(docking, sailed(docking, docking.poses), "nominal").metrics
     assert {row.name for row in rows if (row.name, row.dof) in shown} == {
         "contacts", "final_position_error"
     }  # fmt: skip
@@ -64,9 +69,9 @@ def test_a_run_shows_contacts_and_the_error_in_the_berth_first() -> None:
 
 def test_a_voyage_into_the_quay_and_one_beside_the_berth() -> None:
     docking = mission()
-    poses, length = docking.poses, docking.options.length_m
-    towards = -0.1 * length * docking.harbour.away
-    into = values(docking, sailed(docking, poses + np.array([*towards, 0.0])))
+    poses, length = docking.poses, docking.vessel.scales.length_m
+    towards = -0.1 * length * place(docking).away
+    into = values(docking, sailed(docking, poses + towards))
     assert into["contacts"] == 1.0
     assert into["smallest_clearance"] == 0.0
     assert into["final_position_error"] == pytest.approx(0.1)
@@ -96,10 +101,11 @@ def test_the_metrics_do_not_depend_on_the_frame() -> None:
     def moved_poses(at: Array) -> Array:
         return np.column_stack([moved(at[:, :2]), at[:, 2] + turn])
 
-    harbour = docking.harbour
+    [(name, harbour)] = docking.harbours.items()
     land = shapely.transform(harbour.land, moved)
     there = moved_poses(docking.poses)
-    other = replace(docking, harbour=harbour._replace(land=land), poses=there)
+    other = replace(docking, poses=there)
+    other.harbours[name] = harbour._replace(land=land)
     first = values(docking, sailed(docking, poses))
     second = values(other, sailed(other, moved_poses(poses)))
     for name, value in first.items():
@@ -108,7 +114,7 @@ def test_the_metrics_do_not_depend_on_the_frame() -> None:
 
 def test_the_stored_harbour_has_the_hull_and_the_land() -> None:
     docking = mission()
-    columns = harbour_series(docking).columns
+    columns = berthing_results(docking, sailed(docking, docking.poses), "nominal").series[0].columns
     corners = np.column_stack([columns["x"], columns["y"]])
     hull = corners[columns["polygon"] == 0.0]
     np.testing.assert_allclose(np.ptp(hull, axis=0), [5.0, 5.0 / 3.0])
@@ -116,4 +122,4 @@ def test_the_stored_harbour_has_the_hull_and_the_land() -> None:
         shapely.Polygon(corners[columns["polygon"] == number])
         for number in np.unique(columns["polygon"])[1:]
     ]
-    assert shapely.union_all(parts).area == pytest.approx(docking.harbour.land.area)
+    assert shapely.union_all(parts).area == pytest.approx(place(docking).land.area)
