@@ -4,7 +4,7 @@ It prints `results/bands.json`. `python -m docs.bands --write` computes it again
 of each case are identified, and it is counted how many of the states that were measured on the test
 files lie in the band of nominal 90 % about the free run, and how many of the measures of their
 manoeuvres in their intervals; beside it what the data leave open of the parameters alone. Width of
-a band and CRPS (`crps`) are relative to the deviation of the signal within its file. With
+a band and CRPS (`benchmark.crps`) are relative to the deviation of the signal within its file. With
 --data, --identifier or --case only a part is computed, and the rest of the file is kept.
 """
 
@@ -28,7 +28,7 @@ from seatrial.models.identification.validation import prediction
 from seatrial.models.notation import OrderedManoeuvre
 from seatrial.models.simulation.manoeuvre_sheet import COMPARED, DIAGNOSTIC
 from seatrial.models.vessel.basis import Array
-from seatrial.runner.compare.benchmark import BAND_LEVEL, cells, half_width, task_of
+from seatrial.runner.compare.benchmark import BAND_LEVEL, cells, crps, half_width, task_of
 from seatrial.runner.trials.closed_loop import Streams
 from seatrial.runner.trials.manoeuvre_results import recorded_manoeuvres
 from seatrial.runner.trials.trial import excite
@@ -150,21 +150,6 @@ def _errors(identified: Identified, problem: Problem) -> tuple[Array, Array] | N
     kept = ~recording.piece_starts
     moved = np.where(spread > 0.0, spread, np.inf)
     return (errors / moved)[kept], (deviation / moved)[kept]
-
-
-def crps(errors: Array, deviations: Array) -> Array:
-    """CRPS of a normal distribution, in the unit of the errors.
-
-    s (z (2 Phi(z) - 1) + 2 phi(z) - 1 / sqrt(pi)), z = e / s; |e| where s is zero. Gneiting and
-    Raftery (2007), J. Am. Stat. Assoc. 102, eq. (21).
-    """
-    from scipy.special import ndtr  # slow to import
-
-    with np.errstate(over="ignore"):
-        z = np.clip(errors / np.maximum(deviations, np.finfo(float).tiny), -40.0, 40.0)
-    density = np.exp(-0.5 * z**2) / np.sqrt(2.0 * np.pi)
-    spread = deviations * (2.0 * density - 1.0 / np.sqrt(np.pi))
-    return np.asarray(errors * (2.0 * ndtr(z) - 1.0) + spread)
 
 
 def scored(identified: Identified, problem: Problem, length_m: float) -> Scored | None:

@@ -165,12 +165,14 @@ class Score:
     """Errors (N, n) of a prediction over the spread of each output, by time; of a position [m].
 
     `starts` (N,) marks the first sample of each piece, such as a file. Of a free run with a band it
-    is known which outputs, without the starts, are `covered`.
+    is known which outputs, without the starts, are `covered`; without one the continuous ranked
+    probability score (CRPS) is the absolute error.
     """
 
     errors: Sample
     starts: NDArray[np.bool_]
     block: int  # samples of a block of the bootstrap
+    crps: Sample | None = None
     covered: Sample | None = None
 
     @cached_property
@@ -206,11 +208,13 @@ def score(
     errors = np.linalg.norm(errors, axis=1)[:, None] if outputs == POSITION else errors / spread
     starts = np.diff(np.cumsum(columns["start"])[reached], prepend=-1) != 0
     block = max(round(BLOCK_S / _period_s(series)), 1)
-    bands, covered = [f"{name}_{IDENTIFIED_STD}" for name in outputs], None
-    if model == "identified" and after_s is None and bands[0] in columns:
-        inside = np.abs(errors) <= half_width(_columns(series, bands) / spread)
-        covered = inside[~starts]
-    return Score(errors, starts, block, covered)
+    bands, deviations = [f"{name}_{IDENTIFIED_STD}" for name in outputs], np.zeros_like(errors)
+    banded = model == "identified" and after_s is None and bands[0] in columns
+    if banded:
+        deviations = _columns(series, bands) / spread
+    inside = np.abs(errors) <= half_width(deviations)
+    scored = crps(errors, deviations)[~starts]
+    return Score(errors, starts, block, scored, inside[~starts] if banded else None)
 
 
 def _trivial(
@@ -244,6 +248,21 @@ def _trivial(
 def half_width(deviations: Sample, level: float = BAND_LEVEL) -> Sample:
     """Half the width of the band of a level, of a normal distribution."""
     return NormalDist().inv_cdf(0.5 + 0.5 * level) * deviations
+
+
+def crps(errors: Sample, deviations: Sample) -> Sample:
+    """CRPS of a normal distribution, in the unit of the errors.
+
+    s (z (2 Phi(z) - 1) + 2 phi(z) - 1 / sqrt(pi)), z = e / s; |e| where s is zero. Gneiting and
+    Raftery (2007), J. Am. Stat. Assoc. 102, eq. (21).
+    """
+    from scipy.special import ndtr  # slow to import
+
+    with np.errstate(over="ignore"):
+        z = np.clip(errors / np.maximum(deviations, np.finfo(float).tiny), -40.0, 40.0)
+    density = np.exp(-0.5 * z**2) / np.sqrt(2.0 * np.pi)
+    spread = deviations * (2.0 * density - 1.0 / np.sqrt(np.pi))
+    return np.asarray(errors * (2.0 * ndtr(z) - 1.0) + spread)
 
 
 def pooled(scores: Sequence[Score]) -> Sample:

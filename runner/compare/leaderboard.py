@@ -167,6 +167,7 @@ class Board:
             free = [each for each in own["free_run"] if math.isfinite(each.loss)]
             rows[name] = row | {
                 "in 90 % band [%]": 100.0 * _mean(*(each.covered for each in free)),
+                "CRPS": _mean(*(each.crps for each in free)),
                 "diverged": f"{np.isinf(own['loss']).sum()} of {len(own)}",
                 "training [s]": _mean(own["training_s"]),
             }
@@ -272,7 +273,7 @@ def leaderboard(board: Board) -> TextTable:
         rows[-1] += [_cell(value, bold.get(str(header), False)) for header, value in row.items()]
     notes = [
         f"{cells} cell{'s'[: cells != 1]} that all entrants have run; rank: mean over them, 1 is"
-        " best; FIT, NRMSE, band: of cells that did not diverge",
+        " best; FIT, NRMSE, band, CRPS: of cells that did not diverge",
         BOLD,
     ]
     if not rows:

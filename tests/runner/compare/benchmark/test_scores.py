@@ -136,13 +136,17 @@ def banded(noise: float, deviation: float) -> Series:
     return stored_series("prediction", known)
 
 
-def test_a_band_of_the_right_size_holds_nine_tenths() -> None:
+def test_a_band_of_the_right_size_holds_nine_tenths_and_has_the_best_crps() -> None:
+    """A narrower or wider one has a larger CRPS, and so has none: the score is proper."""
     found = {}
     for size in (0.05, 0.2, 0.8):
         result = score(banded(0.2, size), "identified", ("surge",))
         assert len(result.covered) == N - 2  # the two starts are left out
-        found[size] = np.mean(result.covered)
-    assert found[0.2] == pytest.approx(0.9, abs=0.02)
-    assert found[0.05] < 0.5 < 0.99 < found[0.8]
-    assert score(series(0.2), "identified", ("surge",)).covered is None
+        found[size] = (np.mean(result.covered), np.mean(result.crps))
+    assert found[0.2][0] == pytest.approx(0.9, abs=0.02)
+    assert found[0.05][0] < 0.5 < 0.99 < found[0.8][0]
+    assert found[0.2][1] < min(found[0.05][1], found[0.8][1])
+    without = score(series(0.2), "identified", ("surge",))
+    assert without.covered is None
+    assert np.mean(without.crps) > found[0.2][1]
     assert score(banded(0.2, 0.2), MEAN_MOTION, ("surge",)).covered is None
