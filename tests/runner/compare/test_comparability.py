@@ -59,7 +59,9 @@ def test_a_baseline_matches_everything_that_it_does_not_fix(
     shown = cells(grid)
     assert shown["ridge", "lean", "0.5", "noise"].endswith("\nno counterpart")
     assert shown["ls", "full", "2.0", "noise"].endswith("\nbaseline")
-    one = table(results, baseline=["identifier=ls,identifier.basis=full,identifier.lowpass_hz=0.5"])
+    one = table(
+        results, baseline=["identifier=ls", "identifier.basis=full", "identifier.lowpass_hz=0.5"]
+    )
     row = record_of(one, **{"identifier": "ridge", "identifier.basis": "physical"})
     assert row["ratio"] == pytest.approx(ridge.mean() / bases["ls", "full", 0.5].mean())
 
