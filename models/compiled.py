@@ -39,6 +39,7 @@ from numba.core.compiler import Compiler, CompileResult, compile_result
 from numba.core.dispatcher import Dispatcher
 from numba.core.environment import lookup_environment
 from numba.core.registry import CPUDispatcher
+from numba.core.runtime.nrt import rtsys
 from numba.core.serialize import dumps
 from numba.core.types import BaseNamedTuple, BaseTuple, NamedTuple, NamedUniTuple, Type
 
@@ -87,8 +88,11 @@ class _Cache(NullCache):
         self._started: dict[Signature, float] = {}
 
     def load_overload(self, sig: Signature, target_context: Any) -> Any:
-        """The code from disk; None if this process has to compile it."""
-        target_context.refresh()
+        """The code from disk; None if this process has to compile it.
+
+        numba's registries are not filled for it: that imports what only compiling needs.
+        """
+        rtsys.initialize(target_context)
         try:
             payload = pickle.loads(self._file(sig, target_context.codegen()).read_bytes())
         except (OSError, EOFError, pickle.UnpicklingError):

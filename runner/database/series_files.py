@@ -68,7 +68,7 @@ def parquet_of(series: Sequence[Series]) -> memoryview:
         raise ValueError(f"kind of series: got {wrong[0]!r}, expected a name like recording")
     names = list(dict.fromkeys(name for item in series for name in item.columns))
     absent = [pa.nulls(item.n_rows, pa.float64()) for item in series]
-    columns = {"kind": pa.chunked_array([pa.repeat(s.kind, s.n_rows) for s in series], pa.string())}
+    columns = {"kind": pa.chunked_array([_repeated(s.kind, s.n_rows) for s in series], pa.string())}
     for name in names:
         pairs = zip(series, absent, strict=True)
         own = [_array(s.columns[name]) if name in s.columns else none for s, none in pairs]
@@ -87,6 +87,13 @@ def _array(column: NDArray[Any]) -> "pa.Array":
     """Convert a column to pyarrow without a copy; `pyarrow.array` would import pandas."""
     values = np.ascontiguousarray(column, dtype=np.float64)
     return pa.Array.from_buffers(pa.float64(), len(values), [None, pa.py_buffer(values)])
+
+
+def _repeated(text: str, n: int) -> "pa.Array":
+    """Return `n` times an ASCII text; `pyarrow.repeat` would import pandas."""
+    ends = len(text) * np.arange(n + 1, dtype=np.int32)
+    buffers = [None, pa.py_buffer(ends), pa.py_buffer(n * text.encode())]
+    return pa.Array.from_buffers(pa.string(), n, buffers)
 
 
 def _write_atomically(path: Path, content: memoryview) -> None:
