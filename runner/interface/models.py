@@ -238,8 +238,7 @@ class Model(Displayed):
                 panel.plot(nu[held, i], force[held])
                 units = notation.VELOCITY_UNIT[dof], notation.FORCE_UNIT[dof]
                 panel.set(xlabel=f"{dof} [{units[0]}]", ylabel=f"force [{units[1]}]")
-            style.headed(chart, panels, self._source)
-        return chart
+            return style.titled(chart, panels, self._source)
 
     def save(
         self, to: str, output: str | Path | None = None, *, at: str | None = None,
