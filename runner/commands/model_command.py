@@ -19,7 +19,7 @@ from seatrial.runner.commands import init
 from seatrial.runner.commands.data_commands import File, Force, MapFile, VesselName, map_columns
 from seatrial.runner.compare.cli import run_typer
 from seatrial.runner.compare.frame import open_results
-from seatrial.runner.configuration.recording_map import read_map, reader_of
+from seatrial.runner.configuration.named_files import read_map, reader_of
 from seatrial.runner.sweeps import in_process
 
 METRIC = "velocity_rmse_restarts"

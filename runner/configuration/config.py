@@ -27,7 +27,7 @@ if TYPE_CHECKING:  # what is slow to import
     from seatrial.models.recording import recorded_file
     from seatrial.models.vessel import parameters
     from seatrial.models.weather import disturbance as disturbances
-    from seatrial.runner.configuration import harbours, options, recording_map
+    from seatrial.runner.configuration import named_files, options
     from seatrial.runner.record import own_metrics
 else:  # each by its literal name, which the digest of the sources looks for
     import lazy_loader
@@ -41,10 +41,9 @@ else:  # each by its literal name, which the digest of the sources looks for
     )
     parameters = lazy_loader.load("seatrial.models.vessel.parameters", suppress_warning=True)
     disturbances = lazy_loader.load("seatrial.models.weather.disturbance", suppress_warning=True)
-    harbours = lazy_loader.load("seatrial.runner.configuration.harbours", suppress_warning=True)
     options = lazy_loader.load("seatrial.runner.configuration.options", suppress_warning=True)
-    recording_map = lazy_loader.load(
-        "seatrial.runner.configuration.recording_map", suppress_warning=True
+    named_files = lazy_loader.load(
+        "seatrial.runner.configuration.named_files", suppress_warning=True
     )
     own_metrics = lazy_loader.load("seatrial.runner.record.own_metrics", suppress_warning=True)
 
@@ -158,8 +157,8 @@ def build_trial(config: Node, names: Mapping[str, str]) -> Trial:
     A measured recording without a mission to evaluate has no deployment.
     """
     nodes = {**config, **{group: config.get(group) or None for group in GROUPS}}
-    nodes["excitation"] = recording_map.with_map(nodes["excitation"])
-    nodes["evaluation"] = harbours.with_harbours(nodes["evaluation"])
+    nodes["excitation"] = named_files.with_map(nodes["excitation"])
+    nodes["evaluation"] = named_files.with_harbours(nodes["evaluation"])
     parts = vars(build_as(Settings, nodes, ""))
     is_recording = isinstance(parts["excitation"], recorded_file.RecordedFile)
     if is_recording and not isinstance(parts["evaluation"], missions.Mission):

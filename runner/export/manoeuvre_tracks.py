@@ -11,7 +11,7 @@ from seatrial.models.notation import PLANAR, Manoeuvre, OrderedManoeuvre
 from seatrial.models.simulation import manoeuvre_sheet as manoeuvre_sheet
 from seatrial.models.simulation.manoeuvre_sheet import Track, track_of
 from seatrial.runner.configuration.config import build_as
-from seatrial.runner.configuration.recording_map import read_map, reader_of
+from seatrial.runner.configuration.named_files import read_map, reader_of
 from seatrial.runner.configuration.vessel_options import HELM
 from seatrial.runner.database.reader import LogbookReader
 from seatrial.runner.record.vocabulary import Config

@@ -31,9 +31,14 @@ from seatrial.runner import database
 from seatrial.runner.configuration.config import Limits, SweepLabels, Trial, build_as, build_trial
 from seatrial.runner.configuration.fingerprint import Provenance, collect
 from seatrial.runner.configuration.hydra_errors import EXPECTED, one_line
-from seatrial.runner.configuration.overrides import nested_sweeps, text_of
 from seatrial.runner.sweeps import console, launching
-from seatrial.runner.sweeps.composition import Composer, SharingLoader, order_of
+from seatrial.runner.sweeps.composition import (
+    Composer,
+    SharingLoader,
+    nested_sweeps,
+    order_of,
+    text_of,
+)
 from seatrial.runner.sweeps.job import (
     Checked,
     Outcome,

@@ -18,7 +18,7 @@ from seatrial.models.vessel.basis import Array
 from seatrial.models.vessel.kinematics import wrap
 from seatrial.runner.commands import data_commands, recording_report
 from seatrial.runner.commands.data_commands import write_recording
-from seatrial.runner.configuration.recording_map import read_map, reader_of
+from seatrial.runner.configuration.named_files import read_map, reader_of
 from tests.data import DATA
 from tests.runner.command import Command
 from tests.runner.conftest import Data

@@ -15,7 +15,7 @@ from seatrial.models.recording.column_map import Column, ColumnMap
 from seatrial.models.recording.diagnosis import examine
 from seatrial.models.recording.recorded_file import RecordedFile
 from seatrial.models.recording.source import ReadOptions, read_sources
-from seatrial.runner.configuration.recording_map import options_of, reader_of
+from seatrial.runner.configuration.named_files import options_of, reader_of
 from tests.data import DATA
 from tests.runner.command import Command
 from tests.runner.compare.conftest import Program

@@ -14,7 +14,7 @@ from seatrial.models.recording.diagnosis import Examination, changed, examine
 from seatrial.models.recording.recording import Recording
 from seatrial.models.recording.signals import original_rate, without_sign_flips
 from seatrial.models.vessel.kinematics import euler_zyx, pose_jacobian
-from seatrial.runner.configuration.recording_map import options_of, reader_of
+from seatrial.runner.configuration.named_files import options_of, reader_of
 from tests.data import DATA
 from tests.models.recording.test_file_set import reader
 

@@ -12,7 +12,7 @@ from seatrial.models.errors import ConfigurationError, RecordingError
 from seatrial.models.recording.recorded_file import RecordedFile
 from seatrial.models.recording.recording import blocks
 from seatrial.runner.configuration.config import build_as
-from seatrial.runner.configuration.recording_map import with_map
+from seatrial.runner.configuration.named_files import with_map
 
 CONF = Path(__file__).parents[3] / "conf" / "excitation" / "recording.yaml"
 

@@ -9,7 +9,7 @@ import yaml
 
 from seatrial.models.errors import ConfigurationError, RecordingError
 from seatrial.runner.commands.data_commands import write_recording
-from seatrial.runner.configuration import recording_map
+from seatrial.runner.configuration import named_files
 from tests.models.recording.test_file_set import reader
 
 DOFS = ("surge", "sway", "yaw")
@@ -89,6 +89,6 @@ def test_loads_are_stored_with_the_recording(tmp_path: Path) -> None:
     content = mapped(tmp_path / "m.yaml", MAP)
     recording = reader(path=str(written(tmp_path / "m.csv", MODEL)), map=str(content)).read(DOFS)
     write_recording(recording, tmp_path / "m.parquet", {})
-    stored = recording_map.reader_of(tmp_path / "m.parquet", {}).read(DOFS)
+    stored = named_files.reader_of(tmp_path / "m.parquet", {}).read(DOFS)
     assert stored.load_names == recording.load_names
     np.testing.assert_array_equal(stored.loads, recording.loads)

@@ -13,7 +13,7 @@ from seatrial.models.recording.diagnosis import doubts
 from seatrial.models.recording.proposal import Proposal, propose
 from seatrial.models.recording.source import Source, TextArray
 from seatrial.models.vessel.basis import Array
-from seatrial.runner.configuration.recording_map import options_of, reader_of
+from seatrial.runner.configuration.named_files import options_of, reader_of
 
 DEG = "57.29578"
 LOGGERS = yaml.safe_load(Path(__file__).with_name("loggers.yaml").read_text(encoding="utf-8"))

@@ -1,7 +1,9 @@
-"""Maps of recordings: YAML files with the keys of `excitation.columns`, which they replace.
+"""Files that options name: maps of recordings, and harbours.
 
-Other options of `excitation=recording`, such as `resample_hz`, may stand beside them. A map of the
-files for testing has `format` and `text` beside the columns. A converted file holds its map.
+A map is a YAML file with the keys of `excitation.columns`, which they replace. Other options of
+`excitation=recording`, such as `resample_hz`, may stand beside them. A map of the files for testing
+has `format` and `text` beside the columns. A converted file holds its map. A harbour is a GeoJSON
+file, whose text becomes the option `charts` of a docking.
 """
 
 import json
@@ -17,7 +19,8 @@ from seatrial.models.errors import ConfigurationError
 from seatrial.models.recording.column_map import ColumnMap
 from seatrial.models.recording.recorded_file import RecordedFile
 from seatrial.runner.configuration import options
-from seatrial.runner.configuration.search_path import CONF, located
+from seatrial.runner.configuration.invocation import meant
+from seatrial.runner.configuration.search_path import CONF, HARBOURS, harbour_file, located
 
 DEFAULT = CONF / "excitation" / "recording.yaml"
 OTHERS: dict[str, object] = {"heading_deg": 0.0}  # by default of other files
@@ -85,3 +88,20 @@ def reader_of(file: Path, node: Mapping[str, object]) -> RecordedFile:
         raise ConfigurationError(error.at("excitation")) from error
     assert isinstance(reader, RecordedFile)
     return reader
+
+
+def with_harbours(node: object) -> object:
+    """The options of an evaluation with the texts of its harbours; raises ConfigurationError."""
+    if not isinstance(node, Mapping) or "harbour" not in node or "charts" in node:
+        return node
+    names = node["harbour"] if isinstance(node["harbour"], list | tuple) else [node["harbour"]]
+    return {**node, "harbour": [*names], "charts": {str(name): _text(name) for name in names}}
+
+
+def _text(name: object) -> str:
+    try:
+        return harbour_file(name).read_text(encoding="utf-8")
+    except (OSError, ValueError) as error:
+        known = sorted(file.stem for file in HARBOURS.glob("*.geojson"))
+        hint = meant(str(name), known) or f"expected a GeoJSON file or one of {known}; "
+        raise ConfigurationError(f"evaluation.harbour: {name}: {hint}{error}") from error
