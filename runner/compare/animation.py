@@ -27,15 +27,13 @@ from seatrial.runner.record.vocabulary import Config
 WRITERS = {".html": HTMLWriter, ".gif": PillowWriter, ".mp4": FFMpegWriter}
 FRAMES = {".html": 120, ".gif": 120, ".mp4": 300}  # at most
 FRAMES_PER_S, INCHES, DPI = 15, 5.0, 100
-STERN = -0.5  # [L]
-BLADE = 0.16  # length of a rudder [L], longer than a real one, to be seen
+STERN, BLADE = -0.5, 0.16  # place and length of a rudder [L], longer than a real one, to be seen
 ARROW, ARROW_OF_MOMENT = 0.8, 0.6  # length of a line at the limit [L]
 LOOKS: Mapping[str, dict[str, Any]] = {
     "thrust": {"color": style.PALETTE[2], "linewidth": 1.6},
     "moment": {"color": style.PALETTE[3], "linewidth": 1.6},
     "rudder": {"color": style.REFERENCE, "linewidth": 2.6},
 }
-DRIVES = ("drive", "n", "delta")  # options of a device that name its input
 # Signs of the player's buttons, and a page that fits; matplotlib's page loads them from a network.
 PAGE_STYLE = """<meta charset="utf-8"><meta name="viewport" content="width=device-width">
 <style>.animation, .animation img { max-width: 100%; } .fa { font-style: normal; }
@@ -92,8 +90,7 @@ def film_of(results: Queries, number: int, most: int) -> FuncAnimation:
     length, note = track.drawn_length(config, extent)
     devices = parts_of([*whole.values()], config.get("vessel") or {}, length)
     notes = [note, "lines from the hull: thrust, relative to the largest or its limit"]
-    if any(part.kind == "rudder" for parts in devices for part in parts):
-        notes.append("rudder longer than it is")
+    notes += ["rudder longer than it is"] * any(p.kind == "rudder" for own in devices for p in own)
     sheet, panels = style.panels(1, len(whole), INCHES, INCHES)
     moves = [
         _drawn(axes, name, series, parts, length, stored.get(track.HARBOUR))
@@ -175,7 +172,7 @@ def _inputs(series: Series, vessel: Config, length: float) -> Iterator[DeviceLin
     for name, limits in (vessel.get("inputs") or {}).items():
         if name not in series.columns or name.startswith("alpha"):
             continue
-        device = next((d for d in devices if name in [d.get(key) for key in DRIVES]), {})
+        device = next((d for d in devices if name in d.values()), {})
         value = np.asarray(series.columns[name], dtype=np.float64)
         ahead, side = (scale * float(device.get(key) or 0.0) for key in ("x_m", "y_m"))
         start = np.tile([ahead if "x_m" in device else STERN * length, side], (len(value), 1))

@@ -268,12 +268,9 @@ class SeatrialSweeper(Sweeper):
 
     @contextmanager
     def underway(
-        self,
-        plan: PlannedTrial,
-        arguments: Sequence[str],
-        planned: int,
+        self, plan: PlannedTrial, arguments: Sequence[str], planned: int,
         trials: Sequence[PlannedTrial] = (),
-    ) -> "Iterator[tuple[database.LogbookWriter, SweepJob]]":
+    ) -> "Iterator[tuple[database.LogbookWriter, SweepJob]]":  # fmt: skip
         """Begin a sweep in the logbook of a plan, show its progress, and end it after the block.
 
         `trials` are stored as planned; those of a search are not known before.
@@ -311,13 +308,9 @@ class SeatrialSweeper(Sweeper):
 
 
 def begin_sweep(
-    logbook: "database.LogbookWriter",
-    labels: SweepLabels,
-    provenance: Provenance,
-    arguments: Sequence[str],
-    planned: int,
-    trials: Sequence[Mapping[str, object]] = (),
-) -> int:
+    logbook: "database.LogbookWriter", labels: SweepLabels, provenance: Provenance,
+    arguments: Sequence[str], planned: int, trials: Sequence[Mapping[str, object]] = (),
+) -> int:  # fmt: skip
     """Store the start of a sweep with its labels, or the experiment's name; returns its id."""
     prefix = "experiment="
     names = [text.removeprefix(prefix) for text in arguments if prefix in text] or ["sweep"]

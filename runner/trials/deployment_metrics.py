@@ -112,11 +112,8 @@ def of_design(design: ControlDesign, model: str, where: str = "") -> Results:
     """
     dofs, needed = design.dofs, dict(zip(design.dofs, map(float, design.needed), strict=True))
     limits = {} if design.limits is None else dict(zip(dofs, design.limits, strict=True))
-    radii = {
-        each.dof: each.value
-        for each in design.diagnostics
-        if each.name == "spectral_radius" and each.value is not None
-    }
+    of_loop = (each for each in design.diagnostics if each.name == "spectral_radius")
+    radii = {each.dof: each.value for each in of_loop if each.value is not None}
     exceeded = {dof: needed[dof] > limit for dof, limit in limits.items()}
     texts = [
         f"{model} model: the closed loop's spectral radius is {radius:.4f}, expected less than 1: "

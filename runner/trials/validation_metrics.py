@@ -121,11 +121,9 @@ def residuals(held_out: Recording, models: Mapping[str, Vessel]) -> list[Metric]
 
 
 def predictions(
-    problem: Problem,
-    models: Mapping[str, Vessel],
-    horizons_s: Sequence[float] = (),
+    problem: Problem, models: Mapping[str, Vessel], horizons_s: Sequence[float] = (),
     band: Array | None = None,
-) -> Results:
+) -> Results:  # fmt: skip
     """Compute errors and scores of the predictions of every model on the held-out part.
 
     A horizon over which a model diverges has its share of limited rates but no errors, nor has a
