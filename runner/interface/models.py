@@ -29,8 +29,7 @@ from seatrial.runner.export import model_formats
 from seatrial.runner.export.stored_model import StoredModel
 from seatrial.runner.interface.shell import Displayed, overrides_of
 from seatrial.runner.sweeps import in_process
-from seatrial.runner.trials.closed_loop import Streams
-from seatrial.runner.trials.time_series import SeriesColumns
+from seatrial.runner.trials.closed_loop import SeriesColumns, Streams
 
 Forces: TypeAlias = Sequence[Sequence[float]] | Array | Mapping[str, Any] | pd.DataFrame
 Recordings: TypeAlias = recordings.Recording | pd.DataFrame | Sequence[Any]

@@ -32,11 +32,12 @@ from seatrial.runner.trials.closed_loop import (
     SimulatedMission,
     Streams,
     TrialDiverged,
+    deployment_series,
+    is_allocated,
     prepare,
     warn,
     wind_in_body,
 )
-from seatrial.runner.trials.time_series import deployment_series, is_allocated
 
 log = logging.getLogger(__name__)
 SAILED_AS_IDENTIFIED = "measured recording: the plant of the deployment is the identified model"

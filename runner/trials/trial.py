@@ -32,10 +32,17 @@ from seatrial.runner.trials import recording_checks
 from seatrial.runner.trials.checks import check as check
 from seatrial.runner.trials.checks import measured
 from seatrial.runner.trials.checks import skipped as skipped
-from seatrial.runner.trials.closed_loop import ExcitationData, Streams, drawn, prepare, warn
+from seatrial.runner.trials.closed_loop import (
+    ExcitationData,
+    SeriesColumns,
+    Streams,
+    drawn,
+    prepare,
+    recording_series,
+    warn,
+)
 from seatrial.runner.trials.closed_loop import TrialDiverged as TrialDiverged
 from seatrial.runner.trials.deployment_metrics import UNREACHED, deploy, of_design, unreached
-from seatrial.runner.trials.time_series import SeriesColumns, recording_series
 from seatrial.runner.trials.validation_metrics import validate
 
 log = logging.getLogger(__name__)
