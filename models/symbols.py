@@ -19,7 +19,7 @@ for a few:
         return getattr(np, operation)(*operands)
 
 A printer of source text returns texts, and assigns those with several uses to variables
-(`seatrial.runner.export.printing`).
+(`seatrial.runner.export.equations`).
 """
 
 import sys

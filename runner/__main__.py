@@ -38,10 +38,9 @@ from hydra._internal.utils import _run_hydra, get_args_parser
 from seatrial.models.errors import ConfigurationError
 from seatrial.runner.configuration import invocation
 from seatrial.runner.configuration.hydra_errors import EXPECTED, one_line, refuse_gone
-from seatrial.runner.configuration.overrides import left_to_jobs
 from seatrial.runner.configuration.search_path import CONF, UserFolders, hidden, is_group
 from seatrial.runner.database.terminal import error_line, refuse_passwords
-from seatrial.runner.sweeps.composition import with_numbers
+from seatrial.runner.sweeps.composition import left_to_jobs, with_numbers
 from seatrial.runner.sweeps.console import NewWarnings
 from seatrial.runner.sweeps.in_process import register
 from seatrial.runner.sweeps.stop_signals import StopSignals

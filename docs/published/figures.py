@@ -15,12 +15,11 @@ from seatrial.runner.compare.plots.style import (
     MODEL_COLOURS,
     PALETTE,
     REFERENCE,
-    footnote,
-    headed,
     largest_of,
     marker_of,
     panels,
     prefixed,
+    titled,
 )
 from seatrial.runner.compare.plots.surface import COLOURS
 from seatrial.runner.compare.statistics import Sample
@@ -59,9 +58,8 @@ def objective_figure(results: Queries, sweep: int) -> Figure:
         chart.colorbar(panel.collections[0], ax=panel, label="sum of the objectives", pad=0.02)
     for panel in axes[len(runs) :]:
         panel.remove()
-    headed(chart, axes[: len(runs)], "Objective over two parameters")
-    footnote(chart, ["colours: logarithmic, down to a ten-thousandth of the highest value"])
-    return chart
+    note = "colours: logarithmic, down to a ten-thousandth of the highest value"
+    return titled(chart, axes[: len(runs)], "Objective over two parameters", [note])
 
 
 def _objective_panel(
@@ -108,9 +106,8 @@ def times_figure(results: Queries, sweep: int) -> Figure:
             )  # fmt: skip
     axes.set_xlabel("Number of predictions")
     axes.set_ylabel("Time [s]")
-    headed(chart, [axes], "Time of predictions")
-    footnote(chart, ["solid: with compilation of the machine code; dotted: without"])
-    return chart
+    note = "solid: with compilation of the machine code; dotted: without"
+    return titled(chart, [axes], "Time of predictions", [note])
 
 
 def scaled_coefficients_figure(results: Queries, sweep: int) -> Figure:
@@ -140,8 +137,7 @@ def scaled_coefficients_figure(results: Queries, sweep: int) -> Figure:
         panel.set_title(f"{dof}, {run.levels['identifier']}, order {order:g}", loc="left")
         panel.set_ylabel("|Theta_pre|" if abreast == 1 or dof == dofs[0] else "")
         panel.grid(visible=False, axis="x")
-    headed(chart, axes, "Coefficients between scaled terms and scaled forces")
-    return chart
+    return titled(chart, axes, "Coefficients between scaled terms and scaled forces")
 
 
 def iaew_figure(results: Queries, sweep: int) -> Figure:
@@ -167,8 +163,7 @@ def iaew_figure(results: Queries, sweep: int) -> Figure:
         panel.set_ylabel(with_unit("IAEW", f"{error} {unit} s"))
         panel.set_ylim(bottom=0.0)
         panel.margins(x=0)
-    headed(chart, axes, "Integral absolute error times work over time")
-    return chart
+    return titled(chart, axes, "Integral absolute error times work over time")
 
 
 def _iaew(results: Queries, run: int, model: str) -> dict[str, Sample]:
@@ -206,8 +201,7 @@ def force_error_figure(results: Queries, sweep: int) -> Figure:
         panel.set_ylim(bottom=0.0)
         panel.margins(x=0)
     axes[-1].set_xlabel("Time [s]")
-    headed(chart, axes, "Error of the model and the constant force")
-    return chart
+    return titled(chart, axes, "Error of the model and the constant force")
 
 
 def _magnitude(series: Series, name: str) -> Sample:

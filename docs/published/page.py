@@ -30,7 +30,7 @@ from seatrial.runner.compare.page import (
     picture,
     write_page,
 )
-from seatrial.runner.compare.plots.style import MUTED, REFERENCE, drawn, figure, footnote, headed
+from seatrial.runner.compare.plots.style import MUTED, REFERENCE, drawn, panels, titled
 from seatrial.runner.configuration.search_path import CONF
 
 HEADERS = (
@@ -284,8 +284,7 @@ def _ratios(judged: Sequence[Judged]) -> Figure | None:
     shown = [one for one in compared if math.isfinite(one.ratio) and one.ratio > 0.0][:MOST_ROWS]
     if not shown:
         return None
-    chart = figure(7.0, 1.3 + ROW_INCH * len(shown))
-    axes = chart.subplots()
+    chart, (axes,) = panels(1, 1, 7.0, 1.3 + ROW_INCH * len(shown))
     axes.set_xscale("log")
     axes.axvline(1.0, color=REFERENCE, linewidth=1.0, label="printed")
     for verdict in dict.fromkeys(one.verdict for one in shown):
@@ -304,6 +303,5 @@ def _ratios(judged: Sequence[Judged]) -> Figure | None:
     low, high = axes.get_xlim()
     axes.set_xlim(min(low, 0.5), max(high, 2.0))
     axes.set_xlabel("ours / printed")
-    headed(chart, [axes], judged[0].printed.table)
-    footnote(chart, ["bars: 95 % interval over several runs"])
-    return chart
+    note = "bars: 95 % interval over several runs"
+    return titled(chart, [axes], judged[0].printed.table, [note])

@@ -20,14 +20,14 @@ import numpy as np
 from annotated_types import Ge, Lt
 
 from seatrial.models.errors import ConfigurationError, Diverged
-from seatrial.models.excitation.commands import Steering
+from seatrial.models.excitation import commands
+from seatrial.models.excitation.commands import Piece, Steering
 from seatrial.models.excitation.guidance import Reference
 from seatrial.models.excitation.information import inseparable, largest_remainder, optimal, scaled
 from seatrial.models.excitation.missions import Length, Mission, planar_only
-from seatrial.models.excitation.schedule import Gains, Phase, Role, Schedule
 from seatrial.models.planning.planner import Corners, Pace, PlannedPath, PlanningTask, Waters, plan
 from seatrial.models.ranges import NotNegative, NotNegativeInt, Positive, PositiveInt, check_ranges
-from seatrial.models.recording.recording import Split
+from seatrial.models.recording.recording import Mask, Split
 from seatrial.models.simulation.loop import sail
 from seatrial.models.simulation.registry import Timetable
 from seatrial.models.simulation.voyage import Voyage, recording_of
@@ -36,6 +36,75 @@ from seatrial.models.vessel.basis import Array
 from seatrial.models.vessel.parameters import Plant, VesselParameters
 from seatrial.models.vessel.tuning import FromVessel
 from seatrial.models.weather.weather import Weather
+
+Role = Literal["training", "testing", "none"]
+
+
+@dataclass(frozen=True, eq=False)
+class Phase:
+    """An interval of `count` control instants."""
+
+    name: str
+    kind: Literal["manoeuvre", "stop", "passage"]
+    count: int
+    role: Role = "none"
+    force: Array | None = None  # (count, 3) [N, Nm]
+    pieces: Sequence[Piece] = ()  # of a yaw moment, from its first instant
+    poses: Array | None = None  # (count, 3) that were planned, followed [m, rad]
+
+
+@dataclass(frozen=True)
+class Gains:
+    """Feedback that stops the vessel and follows a passage, by degree of freedom."""
+
+    kp: Annotated[tuple[NotNegative, ...], FromVessel("tuning.pid.kp")]  # [N/m, N/m, Nm/rad]
+    kd: Annotated[tuple[NotNegative, ...], FromVessel("tuning.pid.kd")]  # [N s/m, N s/m, Nm s/rad]
+
+    def __post_init__(self) -> None:
+        check_ranges(self)
+
+
+@dataclass(frozen=True, eq=False)
+class Schedule:
+    """Phases on the instants of one control period, for a vessel in surge, sway and yaw."""
+
+    phases: Sequence[Phase]
+    period_s: float
+
+    @property
+    def edges(self) -> list[int]:
+        """First instant of every phase, and the end."""
+        return [0, *np.cumsum([phase.count for phase in self.phases]).tolist()]
+
+    def __len__(self) -> int:
+        return self.edges[-1]
+
+    def mask(self, role: Role) -> Mask:
+        """Instants of the manoeuvres of a role, shape (N,)."""
+        return np.concatenate([np.full(phase.count, phase.role == role) for phase in self.phases])
+
+    def force(self) -> Array:
+        """Force of the manoeuvres [N, Nm], shape (N, 3)."""
+        return np.concatenate(
+            [np.zeros((p.count, 3)) if p.force is None else p.force for p in self.phases]
+        )
+
+    def steering(self, gains: Gains, limits: Array) -> Steering:
+        """Parameters and initial state of the compiled step; `limits` [N, Nm] of the feedback."""
+        poses, velocities = np.zeros((2, len(self), 3))
+        pieces: list[Piece] = []
+        for phase, first in zip(self.phases, self.edges, strict=False):
+            end, acts = first + phase.count, phase.kind == "manoeuvre"
+            own = list(phase.pieces) or [Piece(law=commands.HOLD if acts else commands.STOP)]
+            if phase.poses is not None:
+                poses[first:end] = phase.poses
+                velocities[first:end] = commands.body_velocities(phase.poses, self.period_s)
+                own = [Piece(law=commands.FOLLOW)]
+            pieces += [piece._replace(until=min(first + piece.until, end)) for piece in own]
+        pieces[-1] = pieces[-1]._replace(until=commands.NEVER)
+        feedback = commands.Feedback(np.array(gains.kp), np.array(gains.kd), -limits, limits)
+        return commands.command(pieces, np.zeros(3), 2, 2, feedback, poses, velocities)
+
 
 STEP_S = 0.1  # longest integration step of the design's simulations
 Pose = tuple[float, float, float]  # north [m], east [m], heading [deg]

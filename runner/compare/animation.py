@@ -1,16 +1,15 @@
 """Film of a run: its hull on the track to scale, with thrust and rudder, models side by side.
 
-matplotlib's writers make the file: an HTML page with a player, a GIF, or an MP4 by ffmpeg. Thrusts
-and rudders are line segments in the plane of the body, x ahead and y to starboard, both in metres
-from amidships. A thrust is a line whose length is relative to its limit or largest value; a rudder
-is a blade behind the stern, to the side to which the ship turns.
+matplotlib's writers make the file: an HTML page with a player, a GIF, or an MP4 by ffmpeg. A thrust
+is a line whose length is relative to its limit or largest value; a rudder is a blade behind the
+stern, to the side to which the ship turns.
 """
 
 import re
 import shutil
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from pathlib import Path
-from typing import Literal, NamedTuple
+from typing import Any, Literal, NamedTuple
 
 import numpy as np
 from matplotlib.animation import FFMpegWriter, FuncAnimation, HTMLWriter, PillowWriter
@@ -21,7 +20,6 @@ from seatrial.models.errors import ConfigurationError, LogbookError
 from seatrial.runner.compare.figures import PlotRequest
 from seatrial.runner.compare.frame import Queries
 from seatrial.runner.compare.plots import selection, style, track
-from seatrial.runner.compare.plots.style import largest_of
 from seatrial.runner.compare.statistics import Sample
 from seatrial.runner.record.rows import Series
 from seatrial.runner.record.vocabulary import Config
@@ -29,11 +27,13 @@ from seatrial.runner.record.vocabulary import Config
 WRITERS = {".html": HTMLWriter, ".gif": PillowWriter, ".mp4": FFMpegWriter}
 FRAMES = {".html": 120, ".gif": 120, ".mp4": 300}  # at most
 FRAMES_PER_S, INCHES, DPI = 15, 5.0, 100
-STERN = -0.5  # [L]
-BLADE = 0.16  # length of a rudder [L], longer than a real one, to be seen
+STERN, BLADE = -0.5, 0.16  # place and length of a rudder [L], longer than a real one, to be seen
 ARROW, ARROW_OF_MOMENT = 0.8, 0.6  # length of a line at the limit [L]
-COLOURS = {"thrust": style.PALETTE[2], "moment": style.PALETTE[3], "rudder": style.REFERENCE}
-DRIVES = ("drive", "n", "delta")  # options of a device that name its input
+LOOKS: Mapping[str, dict[str, Any]] = {
+    "thrust": {"color": style.PALETTE[2], "linewidth": 1.6},
+    "moment": {"color": style.PALETTE[3], "linewidth": 1.6},
+    "rudder": {"color": style.REFERENCE, "linewidth": 2.6},
+}
 # Signs of the player's buttons, and a page that fits; matplotlib's page loads them from a network.
 PAGE_STYLE = """<meta charset="utf-8"><meta name="viewport" content="width=device-width">
 <style>.animation, .animation img { max-width: 100%; } .fa { font-style: normal; }
@@ -45,23 +45,18 @@ PAGE_STYLE = """<meta charset="utf-8"><meta name="viewport" content="width=devic
 
 
 class DeviceLine(NamedTuple):
-    """A device over time: `start` and `end` are points of the body [m], shape (n, 2)."""
+    """A device over time, from `start` to `end` [m]: x ahead and y to starboard, shape (n, 2)."""
 
     kind: Literal["thrust", "moment", "rudder"]
     start: Sample
     end: Sample
 
-    def in_plane(self, north: float, east: float, psi: float, frame: int) -> Sample:
-        """Return (east, north) of both ends at a frame and pose, shape (2, 2) [m]."""
-        return track.in_ned(np.array([self.start[frame], self.end[frame]]), north, east, psi)
-
 
 def animate(results: Queries, run: int, file: Path | None) -> Path:
     """Write the film of a run and return the path of its file.
 
-    `file` ends in .html, .gif or .mp4; None is a page in the folder of the figures. Raises
-    ConfigurationError for another format, a run without motion in the plane, or MP4 without ffmpeg,
-    and LogbookError if the file cannot be written.
+    None is a page in the folder of the figures. Raises ConfigurationError for another ending than
+    .html, .gif or .mp4, a run without motion in the plane, or MP4 without ffmpeg.
     """
     path = file or results.reader.results_dir / "figures" / f"animation-run-{run}.html"
     form = path.suffix.lower()
@@ -89,19 +84,16 @@ def film_of(results: Queries, number: int, most: int) -> FuncAnimation:
     config = results.reader.run(number).config  # that there is one
     kinds = (*selection.DEPLOYMENTS, "recording", track.HARBOUR)
     ((run, stored),) = selection.each_run(results, PlotRequest("film", run=number), kinds)
-    harbour = stored.pop(track.HARBOUR, None)
-    deployed = {kind: stored[kind] for kind in selection.DEPLOYMENTS if kind in stored}
-    whole, absent = selection.distinct(results, run, deployed or stored)
+    whole, absent = selection.distinct(results, run, stored)
     selection.in_plane(run, "animate", whole, ("t", "x", "y", "psi"))
     extent = max(float(np.ptp(one.columns[name])) for one in whole.values() for name in ("x", "y"))
     length, note = track.drawn_length(config, extent)
     devices = parts_of([*whole.values()], config.get("vessel") or {}, length)
     notes = [note, "lines from the hull: thrust, relative to the largest or its limit"]
-    rudders = [part for parts in devices for part in parts if part.kind == "rudder"]
-    notes += ["rudder longer than it is"] * bool(rudders)
+    notes += ["rudder longer than it is"] * any(p.kind == "rudder" for own in devices for p in own)
     sheet, panels = style.panels(1, len(whole), INCHES, INCHES)
     moves = [
-        _drawn(axes, name, series, parts, length, harbour)
+        _drawn(axes, name, series, parts, length, stored.get(track.HARBOUR))
         for axes, (name, series), parts in zip(panels, whole.items(), devices, strict=True)
     ]
     limits = np.array([[axes.get_xlim(), axes.get_ylim()] for axes in panels])
@@ -125,10 +117,7 @@ def _drawn(
     axes: Axes, name: str, series: Series, parts: Sequence[DeviceLine], length: float,
     harbour: Series | None,
 ) -> Callable[[int], Polygon]:  # fmt: skip
-    """Draw what stays, and return what moves the vessel of a panel to a frame.
-
-    A shorter voyage stays at its end.
-    """
+    """Draw what stays, and return what moves the vessel to a frame; it stays at its end."""
     t, norths, easts, psis = (series.columns[key] for key in ("t", "x", "y", "psi"))
     wake, corners = track.draw_track(axes, name, series), None
     axes.plot(easts, norths, color=wake.get_color(), alpha=0.25)
@@ -139,11 +128,7 @@ def _drawn(
     axes.set(xlabel="East [m]", ylabel="North [m]")
     hull = Polygon(np.zeros((5, 2)), facecolor="white", edgecolor=wake.get_color(), zorder=3)
     axes.add_patch(hull)
-    lines = [
-        axes.plot([], [], color=COLOURS[part.kind], label=part.kind, zorder=4,
-                  linewidth=2.6 if part.kind == "rudder" else 1.6)[0]
-        for part in parts
-    ]  # fmt: skip
+    lines = [axes.plot([], [], label=part.kind, zorder=4, **LOOKS[part.kind])[0] for part in parts]
 
     def move(frame: int) -> Polygon:
         k = min(frame, len(t) - 1)
@@ -151,7 +136,8 @@ def _drawn(
         wake.set_data(easts[: k + 1], norths[: k + 1])
         hull.set_xy(track.outline(north, east, psi, length, corners))
         for line, part in zip(lines, parts, strict=True):
-            line.set_data(*part.in_plane(north, east, psi, k).T)
+            ends = np.array([part.start[k], part.end[k]])
+            line.set_data(*track.in_ned(ends, north, east, psi).T)
         axes.set_title(f"{t[k]:.0f} s", loc="left")
         return hull
 
@@ -159,26 +145,16 @@ def _drawn(
 
 
 def parts_of(series_of: Sequence[Series], vessel: Config, length: float) -> list[list[DeviceLine]]:
-    """Return the devices of each series; those of all have one scale.
-
-    `vessel` is the stored configuration, `length` that of the drawn hull [m].
-    """
-    if any(name.startswith("tau_") for name in series_of[0].columns):
-        return _forces(series_of, length)
-    return [list(_inputs(series, vessel, length)) for series in series_of]
-
-
-def _forces(series_of: Sequence[Series], length: float) -> list[list[DeviceLine]]:
-    """The total force from amidships, and the moment as a side force at the bow."""
-    forces = [
-        np.column_stack([
-            series.columns.get(f"tau_{dof}", np.zeros(len(series.columns["t"])))
-            for dof in ("surge", "sway", "yaw")
-        ])
-        for series in series_of
-    ]  # fmt: skip
-    thrust = ARROW * length / (largest_of([tau[:, :2] for tau in forces]) or 1.0)
-    moment = ARROW_OF_MOMENT * length / (largest_of([tau[:, 2] for tau in forces]) or 1.0)
+    """Return the devices of each series on one scale; `length` [m] is that of the drawn hull."""
+    if not any(name.startswith("tau_") for name in series_of[0].columns):
+        return [list(_inputs(series, vessel, length)) for series in series_of]
+    names = [f"tau_{dof}" for dof in ("surge", "sway", "yaw")]
+    forces = [  # in total, from amidships, and the moment as a side force at the bow
+        np.column_stack([one.columns.get(name, np.zeros(one.n_rows)) for name in names])
+        for one in series_of
+    ]
+    thrust = ARROW * length / (style.largest_of([tau[:, :2] for tau in forces]) or 1.0)
+    moment = ARROW_OF_MOMENT * length / (style.largest_of([tau[:, 2] for tau in forces]) or 1.0)
     parts = []
     for tau in forces:
         amidships, bow = np.zeros((len(tau), 2)), np.tile([0.5 * length, 0.0], (len(tau), 1))
@@ -196,7 +172,7 @@ def _inputs(series: Series, vessel: Config, length: float) -> Iterator[DeviceLin
     for name, limits in (vessel.get("inputs") or {}).items():
         if name not in series.columns or name.startswith("alpha"):
             continue
-        device = next((d for d in devices if name in [d.get(key) for key in DRIVES]), {})
+        device = next((d for d in devices if name in d.values()), {})
         value = np.asarray(series.columns[name], dtype=np.float64)
         ahead, side = (scale * float(device.get(key) or 0.0) for key in ("x_m", "y_m"))
         start = np.tile([ahead if "x_m" in device else STERN * length, side], (len(value), 1))

@@ -14,9 +14,9 @@ from pathlib import Path
 from types import ModuleType
 from typing import TYPE_CHECKING
 
-from seatrial.models.errors import ConfigurationError, PartError, SeatrialError
+from seatrial.models.errors import ConfigurationError
 from seatrial.runner.configuration.invocation import meant
-from seatrial.runner.configuration.plugins import failure, is_own, plugins
+from seatrial.runner.configuration.plugins import attributed, is_own, plugins
 from seatrial.runner.record.vocabulary import DOF_ORDER
 
 if TYPE_CHECKING:
@@ -65,11 +65,9 @@ class PlotRequest:
         options, untouched = _module(self.kind).FIGURE.options, PlotRequest(self.kind)
         for name in OPTIONS:
             if getattr(self, name) != getattr(untouched, name) and name not in options:
-                taken = ", ".join(f"--{option}" for option in options)
-                raise ConfigurationError(
-                    f"plot {self.kind}: --{name}: not an option of this figure, expected"
-                    f" {taken or 'those of runs alone'}"
-                )
+                taken = ", ".join(f"--{option}" for option in options) or "those of runs alone"
+                where = f"plot {self.kind}: --{name}: not an option of this figure"
+                raise ConfigurationError(f"{where}, expected {taken}")
 
 
 def split(texts: Sequence[str] | None) -> tuple[str, ...]:
@@ -116,20 +114,11 @@ def figures() -> dict[str, Figure]:
 
 
 def drawings(results: "Queries", request: PlotRequest) -> "list[Drawing]":
-    """Draw the figures of a request; raises ConfigurationError for an unknown kind.
-
-    Errors of a function from elsewhere are PartErrors with the name of its module.
-    """
+    """Draw the figures of a request; raises ConfigurationError for an unknown kind."""
     module = _module(request.kind)
     rows, columns = axes_of(request.rows or module.FIGURE.rows or None, request.columns or None)
-    try:
+    with attributed({"_target_": f"{module.__name__}.drawings"}):
         made: list[Drawing] = module.drawings(results, replace(request, rows=rows, columns=columns))
-    except SeatrialError:
-        raise
-    except Exception as error:
-        if is_own(module.__name__):
-            raise
-        raise PartError(failure(f"{module.__name__}.drawings", error)) from error
     return made
 
 

@@ -29,8 +29,7 @@ from seatrial.runner.export import model_formats
 from seatrial.runner.export.stored_model import StoredModel
 from seatrial.runner.interface.shell import Displayed, overrides_of
 from seatrial.runner.sweeps import in_process
-from seatrial.runner.trials.closed_loop import Streams
-from seatrial.runner.trials.time_series import SeriesColumns
+from seatrial.runner.trials.closed_loop import SeriesColumns, Streams
 
 Forces: TypeAlias = Sequence[Sequence[float]] | Array | Mapping[str, Any] | pd.DataFrame
 Recordings: TypeAlias = recordings.Recording | pd.DataFrame | Sequence[Any]
@@ -238,8 +237,7 @@ class Model(Displayed):
                 panel.plot(nu[held, i], force[held])
                 units = notation.VELOCITY_UNIT[dof], notation.FORCE_UNIT[dof]
                 panel.set(xlabel=f"{dof} [{units[0]}]", ylabel=f"force [{units[1]}]")
-            style.headed(chart, panels, self._source)
-        return chart
+            return style.titled(chart, panels, self._source)
 
     def save(
         self, to: str, output: str | Path | None = None, *, at: str | None = None,

@@ -28,10 +28,9 @@ from seatrial.models.errors import ConfigurationError, SeatrialError
 from seatrial.runner.configuration.fingerprint import Provenance, collect
 from seatrial.runner.configuration.hydra_errors import EXPECTED, one_line, refuse_gone
 from seatrial.runner.configuration.invocation import import_from_working_folder, trial_program
-from seatrial.runner.configuration.overrides import left_to_jobs
 from seatrial.runner.configuration.search_path import CONF, UserFolders
 from seatrial.runner.database.terminal import error_line, refuse_passwords
-from seatrial.runner.sweeps.composition import order_of
+from seatrial.runner.sweeps.composition import left_to_jobs, order_of
 from seatrial.runner.sweeps.job import Order
 from seatrial.runner.sweeps.processes import Processes
 from seatrial.runner.sweeps.search import SearchSweeper

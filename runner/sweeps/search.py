@@ -25,10 +25,9 @@ from seatrial.models.ranges import NotNegativeInt, PositiveInt, check_ranges
 from seatrial.runner.configuration.config import Limits, build_as
 from seatrial.runner.configuration.hydra_errors import EXPECTED
 from seatrial.runner.configuration.invocation import meant, trial_program
-from seatrial.runner.configuration.overrides import nested_sweeps, text_of
 from seatrial.runner.sweeps import console
 from seatrial.runner.sweeps import sweep as sweeps
-from seatrial.runner.sweeps.composition import Composer
+from seatrial.runner.sweeps.composition import Composer, nested_sweeps, text_of
 from seatrial.runner.sweeps.job import Order, PlannedTrial, Refusal, known, listed
 
 if TYPE_CHECKING:  # what is slow to import, and Optuna may be lacking

@@ -31,9 +31,14 @@ from seatrial.runner import database
 from seatrial.runner.configuration.config import Limits, SweepLabels, Trial, build_as, build_trial
 from seatrial.runner.configuration.fingerprint import Provenance, collect
 from seatrial.runner.configuration.hydra_errors import EXPECTED, one_line
-from seatrial.runner.configuration.overrides import nested_sweeps, text_of
 from seatrial.runner.sweeps import console, launching
-from seatrial.runner.sweeps.composition import Composer, SharingLoader, order_of
+from seatrial.runner.sweeps.composition import (
+    Composer,
+    SharingLoader,
+    nested_sweeps,
+    order_of,
+    text_of,
+)
 from seatrial.runner.sweeps.job import (
     Checked,
     Outcome,
@@ -263,12 +268,9 @@ class SeatrialSweeper(Sweeper):
 
     @contextmanager
     def underway(
-        self,
-        plan: PlannedTrial,
-        arguments: Sequence[str],
-        planned: int,
+        self, plan: PlannedTrial, arguments: Sequence[str], planned: int,
         trials: Sequence[PlannedTrial] = (),
-    ) -> "Iterator[tuple[database.LogbookWriter, SweepJob]]":
+    ) -> "Iterator[tuple[database.LogbookWriter, SweepJob]]":  # fmt: skip
         """Begin a sweep in the logbook of a plan, show its progress, and end it after the block.
 
         `trials` are stored as planned; those of a search are not known before.
@@ -306,13 +308,9 @@ class SeatrialSweeper(Sweeper):
 
 
 def begin_sweep(
-    logbook: "database.LogbookWriter",
-    labels: SweepLabels,
-    provenance: Provenance,
-    arguments: Sequence[str],
-    planned: int,
-    trials: Sequence[Mapping[str, object]] = (),
-) -> int:
+    logbook: "database.LogbookWriter", labels: SweepLabels, provenance: Provenance,
+    arguments: Sequence[str], planned: int, trials: Sequence[Mapping[str, object]] = (),
+) -> int:  # fmt: skip
     """Store the start of a sweep with its labels, or the experiment's name; returns its id."""
     prefix = "experiment="
     names = [text.removeprefix(prefix) for text in arguments if prefix in text] or ["sweep"]

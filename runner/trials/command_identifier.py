@@ -28,7 +28,7 @@ from seatrial.models.ranges import Positive, check_ranges
 from seatrial.models.vessel import basis
 from seatrial.models.vessel.table import Vessel
 from seatrial.models.vessel.thruster import SecondOrderLag
-from seatrial.runner.trials.time_series import training_series
+from seatrial.runner.trials.closed_loop import training_series
 
 RECORDING, ANSWER = "recording.csv", "coefficients.csv"
 COLUMNS = ("term", "dof", "value", "std_error")

@@ -32,11 +32,12 @@ from seatrial.runner.trials.closed_loop import (
     SimulatedMission,
     Streams,
     TrialDiverged,
+    deployment_series,
+    is_allocated,
     prepare,
     warn,
     wind_in_body,
 )
-from seatrial.runner.trials.time_series import deployment_series, is_allocated
 
 log = logging.getLogger(__name__)
 SAILED_AS_IDENTIFIED = "measured recording: the plant of the deployment is the identified model"
@@ -112,11 +113,8 @@ def of_design(design: ControlDesign, model: str, where: str = "") -> Results:
     """
     dofs, needed = design.dofs, dict(zip(design.dofs, map(float, design.needed), strict=True))
     limits = {} if design.limits is None else dict(zip(dofs, design.limits, strict=True))
-    radii = {
-        each.dof: each.value
-        for each in design.diagnostics
-        if each.name == "spectral_radius" and each.value is not None
-    }
+    of_loop = (each for each in design.diagnostics if each.name == "spectral_radius")
+    radii = {each.dof: each.value for each in of_loop if each.value is not None}
     exceeded = {dof: needed[dof] > limit for dof, limit in limits.items()}
     texts = [
         f"{model} model: the closed loop's spectral radius is {radius:.4f}, expected less than 1: "

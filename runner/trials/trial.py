@@ -23,7 +23,7 @@ from seatrial.models.recording.consistency import quality_checks
 from seatrial.models.recording.recorded_file import RecordedFile
 from seatrial.models.simulation.voyage import recording_of
 from seatrial.models.vessel.basis import Array
-from seatrial.models.vessel.devices import validity
+from seatrial.models.vessel.devices.device import doubts, excesses
 from seatrial.runner.configuration.config import Trial
 from seatrial.runner.record.coefficient_rows import coefficients
 from seatrial.runner.record.rows import Results, Series, metrics
@@ -32,10 +32,17 @@ from seatrial.runner.trials import recording_checks
 from seatrial.runner.trials.checks import check as check
 from seatrial.runner.trials.checks import measured
 from seatrial.runner.trials.checks import skipped as skipped
-from seatrial.runner.trials.closed_loop import ExcitationData, Streams, drawn, prepare, warn
+from seatrial.runner.trials.closed_loop import (
+    ExcitationData,
+    SeriesColumns,
+    Streams,
+    drawn,
+    prepare,
+    recording_series,
+    warn,
+)
 from seatrial.runner.trials.closed_loop import TrialDiverged as TrialDiverged
 from seatrial.runner.trials.deployment_metrics import UNREACHED, deploy, of_design, unreached
-from seatrial.runner.trials.time_series import SeriesColumns, recording_series
 from seatrial.runner.trials.validation_metrics import validate
 
 log = logging.getLogger(__name__)
@@ -102,10 +109,10 @@ def of_excitation(trial: Trial, problem: Problem, excited: ExcitationData) -> Re
     diagnostics = [row for report in reports for row in _identifiability(report)]
     if devices and recording.inputs is not None:  # how long [s] they were outside of their data
         x = recording.variables()
-        excesses = validity.excesses(devices, x, recording.period_s)
-        warn("excitation: {}", [*validity.doubts(devices, x), *(each.text for each in excesses)])
+        found = excesses(devices, x, recording.period_s)
+        warn("excitation: {}", [*doubts(devices, x), *(each.text for each in found)])
         diagnostics += [
-            Diagnostic("outside", "all", each.seconds, "s", label=each.text) for each in excesses
+            Diagnostic("outside", "all", each.seconds, "s", label=each.text) for each in found
         ]
     values: dict[str, object] = {}
     if excited.sailed is not None and (share := unreached(excited.sailed.voyage)) is not None:

@@ -22,8 +22,7 @@ from seatrial.runner.record.own_metrics import own_rows
 from seatrial.runner.record.rows import Metric, Results, metrics
 from seatrial.runner.record.vocabulary import IDENTIFIED_STD, OF_FILE, SAILED
 from seatrial.runner.trials import manoeuvre_results
-from seatrial.runner.trials.closed_loop import warn
-from seatrial.runner.trials.time_series import SeriesColumns
+from seatrial.runner.trials.closed_loop import SeriesColumns, warn
 
 BY_CHANCE = 0.5  # of the motion, by which free runs from equal states may differ
 NO_BAND = "no band: the identified model, or models drawn about it, diverge"
@@ -121,11 +120,9 @@ def residuals(held_out: Recording, models: Mapping[str, Vessel]) -> list[Metric]
 
 
 def predictions(
-    problem: Problem,
-    models: Mapping[str, Vessel],
-    horizons_s: Sequence[float] = (),
+    problem: Problem, models: Mapping[str, Vessel], horizons_s: Sequence[float] = (),
     band: Array | None = None,
-) -> Results:
+) -> Results:  # fmt: skip
     """Compute errors and scores of the predictions of every model on the held-out part.
 
     A horizon over which a model diverges has its share of limited rates but no errors, nor has a

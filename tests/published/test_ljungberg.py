@@ -13,8 +13,7 @@ import numpy as np
 import pytest
 
 from seatrial.models.errors import SeatrialError
-from seatrial.models.excitation.optimal_design import UncertainModel
-from seatrial.models.excitation.schedule import Schedule
+from seatrial.models.excitation.optimal_design import Schedule, UncertainModel
 from seatrial.models.identification.problem import Problem
 from seatrial.models.identification.validation import prediction
 from seatrial.models.recording.recording import Recording, end_to_end

@@ -16,7 +16,7 @@ from seatrial.models.recording.recording import Recording
 from seatrial.models.recording.source import ReadOptions, read_sources
 from seatrial.models.vessel.basis import Array
 from seatrial.models.vessel.kinematics import wrap
-from seatrial.runner.commands import data_commands, recording_report
+from seatrial.runner.commands import data_commands
 from seatrial.runner.commands.data_commands import write_recording
 from seatrial.runner.configuration.recording_map import read_map, reader_of
 from tests.data import DATA
@@ -121,7 +121,7 @@ def test_the_current_is_named_and_nothing_is_drawn_across_a_gap(tmp_path: Path, 
     assert known is not None
     recording = known.recording
     assert len(recording.pieces()) == 2
-    sheet = recording_report.figure(known)
+    sheet = data_commands.figure(known)
     assert len(sheet.axes) == 9
     pieces = [len(piece) for piece in recording.pieces()]
     for axes in sheet.axes:

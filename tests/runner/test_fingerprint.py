@@ -149,7 +149,7 @@ def test_a_new_file_of_the_runner_matters_once_it_is_imported(checkout: Path) ->
     (runner / "squared.py").write_text("def square(x):\n    return x * x\n")
     before = digest(checkout)
     assert before == source_digest()
-    append(runner / "trials" / "time_series.py", f"\nfrom {PACKAGE}.squared import square\n")
+    append(runner / "trials" / "closed_loop.py", f"\nfrom {PACKAGE}.squared import square\n")
     imported = digest(checkout)
     (runner / "squared.py").write_text("def square(x):\n    return x**2\n")
     assert len({before, imported, digest(checkout)}) == 3

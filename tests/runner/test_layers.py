@@ -27,7 +27,7 @@ ONLY = {
 }
 # Where Hydra ends: everything else takes plain values and checked objects.
 EDGE = {
-    *("__main__", "sweep", "processes", "launching", "composition", "overrides"),
+    *("__main__", "sweep", "processes", "launching", "composition"),
     *("hydra_errors", "in_process", "yaml_files"),
     *("search", "search_path"),
 }

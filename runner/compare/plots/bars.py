@@ -1,5 +1,7 @@
 """A metric by identifier and disturbance: mean over seeds, its spread, and every seed."""
 
+from typing import Any
+
 import numpy as np
 import pandas as pd
 from matplotlib.axes import Axes
@@ -38,10 +40,8 @@ def drawings(results: frames.Queries, request: PlotRequest) -> list[style.Drawin
     """Draw one figure for each facet, with one panel for each degree of freedom."""
     names = results.metric_names()
     hint = "" if request.metric in names else meant(request.metric, names)
-    missing = (
-        f"plot bars: no finished run has {request.metric} of model {request.model}; "
-        f"{hint}metrics are {', '.join(names) or 'none yet'}"
-    )
+    missing = f"plot bars: no finished run has {request.metric} of model {request.model}; {hint}"
+    missing += f"metrics are {', '.join(names) or 'none yet'}"
     return per_facet(_drawing, missing, averages=True)(results, request)
 
 
@@ -122,13 +122,8 @@ def _seeds(axes: Axes, centre: float, width: float, sample: stats.Sample, marker
         return float(np.max(sample, initial=0.0))
     mean, spread = float(np.mean(sample)), float(np.std(sample, ddof=1))
     places = centre + 0.5 * width * (np.arange(sample.size) * GOLDEN % 1.0 - 0.5)
-    axes.plot(
-        places, sample, marker, color="white", markeredgecolor="black", markeredgewidth=0.6,
-        markersize=3.2, zorder=3,
-    )  # fmt: skip
+    axes.plot(places, sample, marker, color="white", mec="black", mew=0.6, ms=3.2, zorder=3)
     below = 0.0 if np.min(sample) > 0.0 and spread >= mean else spread
-    axes.errorbar(
-        [centre], [mean], [[below], [spread]], fmt="none", ecolor="black", capsize=3,
-        elinewidth=1.2,
-    )  # fmt: skip
+    look: dict[str, Any] = {"fmt": "none", "ecolor": "black", "capsize": 3, "elinewidth": 1.2}
+    axes.errorbar([centre], [mean], [[below], [spread]], **look)
     return max(mean + spread, float(np.max(sample)), 0.0)

@@ -23,8 +23,7 @@ from seatrial.runner.compare.statistics import confidence_interval, pivot
 FIGURE = Figure(
     "coefficients", "Identified against true coefficients with 95 % intervals.",
     "coefficients of an identified model",
-    ("run", "rows", "columns", "dof", "model", "facet", "pool"),
-    place=6,
+    ("run", "rows", "columns", "dof", "model", "facet", "pool"), place=6,
 )  # fmt: skip
 
 LOOKS: dict[bool, tuple[str, dict[str, Any]]] = {  # of an interval, by whether it covers
@@ -36,6 +35,7 @@ NORMAL_95 = 1.959963984540054
 LINE_INCH = 0.145  # height of the line of an estimate [inch]; a text of 8 points fits
 WIDEST = 4.0  # limit of the axis, in multiples of the reference; arrows mark values beyond it
 MOST_NAMED = 8  # terms of a note
+AT_EDGE: dict[str, Any] = {"fontsize": 7.5, "zorder": 4}  # of the text of an arrow
 NARROWEST = 0.02  # smallest half-range of the axis; hides the rounding errors of an exact fit
 
 
@@ -131,12 +131,9 @@ def _panel(axes: Axes, estimates: pd.DataFrame, groups: list[str]) -> None:
             marker = style.marker_of(number)
             axes.plot([row.value], [place], marker, color=colour, markersize=5, label=row.group)
             if abs(row.value - 1.0) > WIDEST:  # an arrow at the edge
-                text = number_text(row.value, 2)
-                axes.text(
-                    1.0 + side * WIDEST, place, f"{text} → " if side > 0.0 else f" ← {text}",
-                    va="center", ha="right" if side > 0.0 else "left", fontsize=7.5, color=colour,
-                    zorder=4,
-                )  # fmt: skip
+                text, edge = number_text(row.value, 2), 1.0 + side * WIDEST
+                words, ha = (f"{text} → ", "right") if side > 0.0 else (f" ← {text}", "left")
+                axes.text(edge, place, words, va="center", ha=ha, color=colour, **AT_EDGE)
         reference, unit = own["reference"].iloc[0], unit_text(own["unit"].iloc[0])
         ticks[f"{term}: {number_text(reference, 4)} {unit}".rstrip()] = top + 0.5 * lines
         if k % 2 == 0:

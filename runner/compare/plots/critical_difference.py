@@ -58,8 +58,7 @@ def chart(title: str, ranks: Ranking) -> Chart:
     height = -0.6
     for group in groups:
         ends = [float(ranks.mean_ranks[group[0]]) - 0.04, float(ranks.mean_ranks[group[-1]]) + 0.04]
-        axes.plot(ends, [height, height], color=style.PALETTE[5], linewidth=4.0,
-                  solid_capstyle="butt")  # fmt: skip
+        axes.plot(ends, [height, height], color=style.PALETTE[5], lw=4.0, solid_capstyle="butt")
         height -= 0.6
     below, room = height - 0.4, SIDE * (count - 1.0)
     inner = 0.1 * (count - 1.0 + 2.0 * room) * SIDE

@@ -1,10 +1,8 @@
 """What a run is identified from: what is commanded, its spectrum, the wind, and singular values.
 
-There is a row of panels for each force by degree of freedom, or for each input by name: over time
-with the limits, and its spectrum. Rows below show the wind, and of a subspace identification the
-singular values of the data. Vessels by force have columns
-`tau_surge`, ..., steered vessels the inputs of their configuration, such as `delta` and `n`, with
-`delta_command` where the command is recorded too.
+There is a row of panels for each force (`tau_surge`, ...), or for each input of a steered vessel
+(`delta`, with `delta_command` where it is recorded): over time with the limits, and its spectrum.
+Rows below show the wind, and of a subspace identification the singular values of the data.
 
 Diagnostics: `regressor_rank`, `regressor_unknowns`, `spectral_lines`, and `inseparable_terms`
 with the names in `label`; `singular_value` (i = number, from 1), `selected_order`.
@@ -34,8 +32,7 @@ FIGURE = Figure(
     "series recording", ("run", "dof", "facet"), place=13,
 )  # fmt: skip
 
-# Units of inputs by the beginning of their names, and the size of the unit.
-INPUT_UNITS = {
+INPUT_UNITS = {  # by the beginning of their names, and the size of the unit
     **dict.fromkeys(("delta", "alpha"), ("deg", float(np.radians(1.0)))),
     **dict.fromkeys(("n",), ("1/s", 1.0)),
 }
@@ -142,8 +139,7 @@ def _drawing(
         panel.xaxis.set_major_locator(MaxNLocator(integer=True))
     for spare in panels:
         spare.remove()
-    train = np.asarray(series.columns.get("train", np.zeros(1)))
-    notes = ["shaded: training part"] if np.any(train) else []
+    notes = ["shaded: training part"] if np.any(series.columns.get("train", 0.0)) else []
     idle = [
         f"constant: {s.name} {_amount(float(s.commanded[0]), s.unit)}" if s.peak or not s.dof
         else f"no force in {s.dof}" for s in signals if s not in excited
@@ -172,7 +168,7 @@ def _over_time(axes: Axes, series: Series, signal: CommandedSignal) -> None:
     if signal.limits is not None:
         title += f", {signal.peak / max(map(abs, signal.limits)):.0%} of the limit"
     style.draw_limits(axes, signal.limits, signal.peak)
-    style.shaded(axes, t, np.asarray(series.columns.get("train", np.zeros(0)), dtype=np.float64))
+    style.shaded(axes, series.columns)
     axes.set_title(title, **SMALL)
     style.over_time(axes, with_unit(signal.name, signal.unit), curves, linewidth=1.0)
 
@@ -210,8 +206,8 @@ def _wind(series: Series, dofs: Sequence[str]) -> list[tuple[str, list[style.Cur
     north, east = columns[NORTH], columns[EAST]
     speed, angle = np.hypot(north, east), np.degrees(np.unwrap(np.arctan2(east, north)))
     angle -= 360.0 * np.floor(np.mean(angle) / 360.0)  # its mean is in [0, 360)
-    signals = [("Wind speed", "m/s", {"": speed})]
-    signals.append(("Blows to", "deg", {"": np.where(speed > CALM_M_S, angle, np.nan)}))
+    blows = np.where(speed > CALM_M_S, angle, np.nan)
+    signals = [("Wind speed", "m/s", {"": speed}), ("Blows to", "deg", {"": blows})]
     for what, si in (("Wind force", "N"), ("Wind moment", "Nm")):
         own = {dof: columns[f"wind_{dof}"] for dof in dofs if series.units[f"wind_{dof}"] == si}
         unit, size = style.prefixed(si, style.largest_of([*own.values()]))
@@ -221,8 +217,8 @@ def _wind(series: Series, dofs: Sequence[str]) -> list[tuple[str, list[style.Cur
         for dof, values in of_panel.items():
             colour = style.PALETTE[2 + DOFS.index(dof)] if dof else style.WIND
             finite = values[np.isfinite(values)]
-            mean = float(np.mean(finite)) if len(finite) else 0.0
-            words = f"wind, {dof}" if dof else "", _amount(mean, unit) if len(finite) else ""
+            mean = _amount(float(np.mean(finite)), unit) if len(finite) else ""
+            words = f"wind, {dof}" if dof else "", mean
             curves.append(style.Curve(columns["t"], values, colour, *words))
         panels.append((with_unit(what, unit), curves))
     return panels

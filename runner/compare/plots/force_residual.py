@@ -23,10 +23,9 @@ def _drawing(
 ) -> style.Drawing:
     """Draw one panel for each DOF."""
     series = series_of["residual"]
-    columns, shape = series.columns, series.columns["t"].shape
-    none = f"run {run.id} has no residual"
+    columns, none = series.columns, f"run {run.id} has no residual"
     dofs = request.shown(lambda dof: f"residual_nominal_{dof}" in columns, none)
-    train = np.asarray(columns.get("train", np.zeros(shape)), dtype=np.float64)
+    train = np.asarray(columns.get("train", np.zeros(series.n_rows)), dtype=np.float64)
     judged = train == 0.0 if np.any(train == 0.0) else train > 0.0
     figure, axes = style.panels(len(dofs), 1, 8.0, 2.3, share_x=True)
     for panel, dof in zip(axes, dofs, strict=True):
@@ -40,7 +39,7 @@ def _drawing(
             panel.axhline(rms / size, linestyle="--", color=colour, linewidth=0.9)
             words = MODELS[model], f"rms {number_text(rms / size, 3)} {unit}"
             curves.append(style.Curve(columns["t"], values / size, colour, *words))
-        style.shaded(panel, columns["t"], train)
+        style.shaded(panel, columns)
         label = with_unit(dof.capitalize(), unit)
         style.over_time(panel, label, curves, linewidth=0.9, alpha=0.9)
     notes = ["shaded: training part"] if train.any() else []

@@ -47,10 +47,8 @@ def _drawing(results: Queries, request: PlotRequest, facet: Facet) -> style.Draw
                 panel.fill_between(orders, *band, color=colour, alpha=0.18, linewidth=0)
             chosen = {*selected.loc[selected["key"] == (row, column), "value"].dropna().astype(int)}
             for order in sorted(chosen & {*orders.tolist()}):
-                panel.plot(
-                    [order], [middle[order]], style.marker_of(i), color=colour,
-                    markeredgecolor="black", markersize=7, zorder=3,
-                )  # fmt: skip
+                marker = style.marker_of(i)
+                panel.plot(order, middle[order], marker, color=colour, mec="black", ms=7, zorder=3)
         label = with_unit(f"Force MSE, {dof}", mine["unit"].iloc[0])
         panel.set(yscale="log", xlabel="Model order", ylabel=label)
         panel.xaxis.set_major_locator(MaxNLocator(integer=True))

@@ -63,10 +63,8 @@ def _drawing(results: Queries, request: PlotRequest, facet: Facet) -> style.Draw
     ends = pd.concat([points, frame[frame["name"] == DEPLOYED]]).groupby("j")["value"]
     log = (ends.min() > 0.0) & (ends.max() > LINEAR_RANGE * ends.min())
     scales = log.map({True: "log", False: "linear"})
-    labels = [
-        with_unit(row.label or f"objective {j}", row.unit) for j, row in objectives.iterrows()
-    ]
-    named = dict(zip(objectives.index, labels, strict=True))
+    rows = objectives.iterrows()
+    named = {j: with_unit(row.label or f"objective {j}", row.unit) for j, row in rows}
     for panel, (x, y) in zip(axes, pairs, strict=False):
         panel.set(xlabel=named[x], ylabel=named[y], xscale=scales[x], yscale=scales[y])
     seeds = "; one front for each run" if len(runs) > 1 else ""

@@ -1,8 +1,7 @@
 """Measured velocities over time, and those that the models predict in a free run.
 
-With `--band` the poses too, and about the prediction of the identified model the band in which the
-measured values lie at that level, by what the data leave open of its parameters and its model
-error.
+With `--band` the poses too, and about the prediction of the identified model the band of that level
+for what is measured, by what the data leave open of its parameters and its model error.
 """
 
 from collections.abc import Mapping, Sequence
@@ -29,7 +28,7 @@ FIGURE = Figure(
 )  # fmt: skip
 
 ROOM = 3.0  # standard deviations of the measured velocity around its range that are shown
-Line = tuple[str, Sample, str]  # label, values over time, colour
+Line = tuple[str, Sample | None, str]  # label, values over time if there are any, colour
 
 
 def _drawing(
@@ -38,15 +37,13 @@ def _drawing(
     """Draw one panel for each DOF."""
     series = series_of["prediction"]
     columns, band = series.columns, request.band
-    names = request.shown(lambda dof: dof in columns, f"run {run.id} has no prediction")
+    names = request.shown(columns.__contains__, f"run {run.id} has no prediction")
     piece = " of each piece" if np.sum(columns["start"]) > 1 else ""
     notes = [f"predictions begin at the first measured state{piece}; FIT at the right: 100 % is"
              " perfect"]  # fmt: skip
     if band is not None:
         if not 0.0 < band < 100.0:
-            raise ConfigurationError(
-                f"plot prediction: --band: got {band:g}, expected 0 to 100 [%]"
-            )
+            raise ConfigurationError(f"plot prediction: --band: got {band:g}, expected 0 to 100")
         names = [*(POSES[DOFS.index(dof)] for dof in names), *names]
         names = [name for name in names if f"{name}_{IDENTIFIED_STD}" in columns]
         notes.append(
@@ -67,9 +64,8 @@ def _drawing(
                 t, middle - half, middle + half, alpha=0.2, linewidth=0, label=f"{band:g} % band",
                 color=style.MODEL_COLOURS["identified"],
             )  # fmt: skip
-        lines = {model: columns.get(f"{name}_{model}") for model in SAILED}
-        shown = [(m, v, style.MODEL_COLOURS[m]) for m, v in lines.items() if v is not None]
-        _draw_motion(panel, series, name, shown)
+        lines = [(m, columns.get(f"{name}_{m}"), style.MODEL_COLOURS[m]) for m in SAILED]
+        _draw_motion(panel, series, name, lines)
     reasons = results.diagnostics(("no_prediction",), Condition(runs=(run.id,)))["label"]
     notes += [f"no prediction: {reason}" for reason in reasons]
     title = f"Free run, {selection.subtitle(run)}"
@@ -81,10 +77,7 @@ def free_runs(
 ) -> matplotlib.figure.Figure:
     """Return the measured velocities of a test file and those of the free runs of several entrants.
 
-    Args:
-        title: of the figure.
-        runs: the series `prediction` of each entrant, all of the same file.
-        outputs: the velocities, of which each has a panel.
+    `runs` are the series `prediction` by entrant; each of the `outputs`, velocities, has a panel.
     """
     first = next(iter(runs.values()))
     figure, axes = style.panels(len(outputs), 1, 7.0, 1.9, share_x=True)
@@ -92,9 +85,9 @@ def free_runs(
     none = style.MODEL_COLOURS["nominal"]
     colours = {name: none if name == "none" else next(others) for name in runs}
     for panel, dof in zip(axes, outputs, strict=True):
-        lines = {n: series.columns.get(f"{dof}_identified") for n, series in runs.items()}
-        shown = [(n, values, colours[n]) for n, values in lines.items() if values is not None]
-        _draw_motion(panel, first, dof, shown)
+        name = f"{dof}_identified"
+        lines = [(each, run.columns.get(name), colours[each]) for each, run in runs.items()]
+        _draw_motion(panel, first, dof, lines)
     return style.drawing_of("velocities", figure, axes, title).figure
 
 
@@ -107,6 +100,8 @@ def _draw_motion(axes: Axes, series: Series, name: str, lines: Sequence[Line]) -
     measured, curves = series.columns[name], []
     spread = float(np.std(measured))
     for label, values, colour in (("measured", measured, style.REFERENCE), *lines):
+        if values is None:
+            continue
         t, shown = _with_gaps(series, values)
         error = float(np.sqrt(np.mean(np.square(values - measured))))
         fit = f"{100.0 * (1.0 - error / spread):.0f} %" if spread else "-"

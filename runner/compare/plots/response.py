@@ -36,7 +36,6 @@ NOTE = (
     "positions in north and east, forces in the vessel's axes; dashed: set-point; "
     "dotted: reference, if it differs from the set-point"
 )
-STEERED_NOTE = "inputs as commanded"
 Lines = Mapping[str, tuple[Series, str]]  # deployment and colour by label
 
 
@@ -89,8 +88,7 @@ def _of_levels(
     }
     first = next(iter(runs.values()))
     title = [first.levels[n] for n in ("vessel", "disturbance", "evaluation")]
-    title += [facet.label] if facet.label else []
-    title += [f"seed {first.levels['seed']}"]
+    title += [*filter(None, [facet.label]), f"seed {first.levels['seed']}"]
     notes = [", ".join(f"{label}: run {run.id}" for label, run in runs.items())]
     absent = [f"{label}: {why}" for label, why in lost.items() if label not in runs]
     notes += [f"not shown: {', '.join(absent)}"] if absent else []
@@ -142,8 +140,8 @@ def _drawing(
         unit, size = style.prefixed(first.units[f"tau_{dof}"], style.largest_of([values]))
         curve = style.Curve(first.columns["t"], values / size, style.MUTED, "wind")
         style.over_time(panel, with_unit(f"Wind, {dof}", unit), [curve], linewidth=1.0)
-    note = STEERED_NOTE if steered else NOTE
-    return style.drawing_of(name, figure, axes, title, [note, *notes])
+    notes = ["inputs as commanded" if steered else NOTE, *notes]
+    return style.drawing_of(name, figure, axes, title, notes)
 
 
 def _pose(series: Series, name: str, unwrapped: bool) -> Sample:
@@ -162,6 +160,6 @@ def _references(axes: Axes, series: Series, dof: str, unwrapped: bool) -> None:
             values = _pose(series, f"{name}_{end}", unwrapped)
             # a step of the reference may be one sample later
             if not drawn or np.mean(drawn[0] != values) > DIFFERENT_SHARE:
-                look: dict[str, Any] = {"linestyle": line, "color": style.REFERENCE}
-                axes.plot(series.columns["t"], values, linewidth=1.0, label=label, **look)
+                look: dict[str, Any] = {"color": style.REFERENCE, "linewidth": 1.0}
+                axes.plot(series.columns["t"], values, line, label=label, **look)
             drawn.append(values)

@@ -48,16 +48,15 @@ def trials_of(
     attempts = request.run is not None  # the run asked for may be one that was repeated
     trials = results.trials(condition_of(results, request), names, attempts, planned)
     levels = [name for name in trials if name not in ("status", *frames.NO_LEVELS)]
-    trials = trials.assign(**{n: trials[n].cat.rename_categories(_drawable) for n in levels})
+    for name in levels:  # as text, not as a formula between $
+        drawable = [
+            _cut(visible(level)).replace("$", r"\$") for level in trials[name].cat.categories
+        ]
+        trials[name] = trials[name].cat.rename_categories(drawable)
     for factor, own in parts.items():
         if len(own) > 1:
             trials[factor] = trials[[*own]].astype(str).agg(", ".join, axis=1).astype("category")
     return trials
-
-
-def _drawable(level: str) -> str:
-    """Return a level as text, not as a formula between $."""
-    return _cut(visible(level)).replace("$", r"\$")
 
 
 def _cut(text: str) -> str:
@@ -87,8 +86,7 @@ class Facet:
 
     def title(self, text: str) -> str:
         """Return the title of the figure with the vessel and the facet."""
-        parts = [self.label] if self.label else []
-        parts += [f"run {self.run}"] if self.run is not None else []
+        parts = [self.label] * bool(self.label) + [f"run {self.run}"] * (self.run is not None)
         vessels = self.trials.loc[self.trials["status"] == frames.FINISHED, "vessel"].unique()
         if len(vessels) == 1 and "vessel = " not in self.label:
             text = f"{text}, {vessels[0]}"
@@ -202,10 +200,12 @@ def distinct(
 ) -> tuple[Voyages, list[str]]:
     """Return the deployments of a run by model, and notes on the models that are not among them.
 
-    The deployment of the identified model is left out if it is that of the nominal one, as it is
-    without identification. Of a model that was not deployed the note says why.
+    A run without any has the voyage of its recording, named `recording`. The deployment of the
+    identified model is left out if it is that of the nominal one, as it is without identification.
+    Of a model that was not deployed the note says why.
     """
-    voyages = {kind.removeprefix(PREFIX): series for kind, series in series_of.items()}
+    voyages = {k.removeprefix(PREFIX): s for k, s in series_of.items() if k.startswith(PREFIX)}
+    voyages = voyages or {"recording": series_of["recording"]}
     models = ("nominal", "identified")
     absent = [model for model in models if model not in voyages]
     if len(absent) == len(models):

@@ -1,12 +1,9 @@
-"""Common style of the figures: palette, sizes, titles, legends, notes and reproducible files.
+"""Common style of the figures: palette, sizes, titles, legends, notes, units; screen and print.
 
 Figures are made without pyplot: no window, no global state, and no effect of backend settings. A
 figure with one panel may be drawn into axes of the caller's (`drawn(axes)`); title, legend and
-notes then belong to these axes, and the rest of their figure is not changed.
-
-For print there are PDF files of the width of a column or a page, with texts of 8 points.
-
-Units of forces on axes: kN and MNm for ships, N and Nm for models; and the thrusters' limits.
+notes then belong to these axes, and the rest of their figure is not changed. For print there are
+PDF files of the width of a column or a page, with texts of 8 points.
 """
 
 import warnings
@@ -134,36 +131,29 @@ def drawn(axes: Axes | None = None, width_mm: float | None = None) -> Iterator[N
         _CANVAS.reset(token)
 
 
-def figure(width: float, height: float) -> Figure:
-    """Return an empty figure of width x height [inch] with constrained layout.
-
-    In print its width is that of the paper; texts do not shrink with it, so the height hardly does.
-    Raises ConfigurationError if there are axes of the caller, which cannot hold several panels.
-    """
-    canvas = _CANVAS.get()
-    if canvas.axes is not None:
-        raise ConfigurationError("plot: ax: got axes for a figure of several panels, expected None")
-    if canvas.width_mm is not None:
-        inches = canvas.width_mm / MM_PER_INCH
-        width, height = inches, height * min(1.0, inches / width) ** 0.25
-    return Chart(figsize=(width, height), layout="constrained")
-
-
 def panels(
     rows: int, columns: int, width: float, height: float, share_x: bool = False
 ) -> tuple[Figure, list[Axes]]:
     """Return a figure of rows x columns axes, each width x height [inch], and its axes by row.
 
-    With `share_x` all axes have the same range of x. Panels that are too narrow in print stand
-    below each other. One panel is drawn into the axes of the caller, if there are any.
+    With `share_x` all axes have the same range of x. In print the width is that of the paper; texts
+    do not shrink with it, so the height hardly does, and panels that are too narrow stand below
+    each other. One panel is drawn into the axes of the caller, if there are any; several raise
+    ConfigurationError there.
     """
-    canvas = _CANVAS.get()
-    if canvas.axes is not None and rows * columns == 1:
-        return cast(Figure, canvas.axes.figure), [canvas.axes]
-    most = columns if canvas.width_mm is None else int(canvas.width_mm / MM_PER_INCH / PANEL_INCH)
-    abreast = max(1, min(columns, most))
+    canvas, abreast = _CANVAS.get(), columns
+    if canvas.axes is not None:
+        if rows * columns == 1:
+            return cast(Figure, canvas.axes.figure), [canvas.axes]
+        raise ConfigurationError("plot: ax: got axes for a figure of several panels, expected None")
+    if canvas.width_mm is not None:
+        inches = canvas.width_mm / MM_PER_INCH
+        abreast = max(1, min(columns, int(inches / PANEL_INCH)))
+        height *= min(1.0, inches / (abreast * width)) ** 0.25
+        width = inches / abreast
     bands = -(-columns // abreast)
-    chart = figure(abreast * width, rows * bands * height)
+    size = abreast * width, rows * bands * height
+    chart = Chart(figsize=size, layout="constrained")
     grid = chart.subplots(rows * bands, abreast, squeeze=False, sharex="all" if share_x else "none")
     places = [(row, column) for row in range(rows) for column in range(columns)]
     axes = [grid[column // abreast * rows + row, column % abreast] for row, column in places]
@@ -174,8 +164,8 @@ def panels(
     return chart, axes
 
 
-def headed(chart: Figure, axes: Sequence[Axes], title: str) -> None:
-    """Add the title and one legend, with each label once, above the figure."""
+def titled(chart: Figure, axes: Sequence[Axes], title: str, notes: Sequence[str] = ()) -> Figure:
+    """Return a figure with its title and one legend, each label once, above, and notes below."""
     canvas, handles = _CANVAS.get(), dict[str, Artist]()
     for panel in axes:
         for handle, label in zip(*panel.get_legend_handles_labels(), strict=True):
@@ -184,53 +174,41 @@ def headed(chart: Figure, axes: Sequence[Axes], title: str) -> None:
         canvas.axes.set_title(title, loc="left")
         if handles:
             canvas.axes.legend([*handles.values()], [*handles])
-        return
+        canvas.axes.set_xlabel("\n".join([canvas.axes.get_xlabel(), *notes]))
+        return chart
     size = TITLE_SIZE if canvas.width_mm is None else TEXT_POINTS
     letters = TITLE_LETTERS_PER_INCH * TITLE_SIZE / size
-    title = "\n".join(wrap(title, int(chart.get_figwidth() * letters)))
-    if not handles:
+    width = chart.get_figwidth()
+    title = "\n".join(wrap(title, int(width * letters)))
+    if handles:
+        longest = max(len(label) for label in handles) + 6
+        chart.legend(  # has the title, since constrained layout lets a separate one overlap
+            [*handles.values()], [*handles], loc="outside upper left", alignment="left",
+            ncols=max(1, min(len(handles), int(width * LETTERS_PER_INCH / longest))), title=title,
+            title_fontproperties={"weight": "bold", "size": TITLE_SIZE}, borderpad=0.0,
+        )  # fmt: skip
+    else:
         chart.suptitle(title, x=0.01, ha="left", fontsize=TITLE_SIZE, fontweight="bold")
-        return
-    longest = max(len(label) for label in handles) + 6
-    chart.legend(  # as the legend's title, because constrained layout lets a separate title overlap
-        [*handles.values()], [*handles], loc="outside upper left", alignment="left", borderpad=0.0,
-        ncols=max(1, min(len(handles), int(chart.get_figwidth() * LETTERS_PER_INCH / longest))),
-        title=title, title_fontproperties={"weight": "bold", "size": TITLE_SIZE},
-    )  # fmt: skip
-
-
-def footnote(chart: Figure, notes: Sequence[str]) -> None:
-    """Add small text below the figure, wrapped to its width."""
-    own = _CANVAS.get().axes
-    if own is not None:
-        own.set_xlabel("\n".join([own.get_xlabel(), *notes]))
-        return
-    width = int(chart.get_figwidth() * LETTERS_PER_INCH * 1.05)
-    lines = [line for note in notes for line in wrap(note, width)]
+    lines = [line for note in notes for line in wrap(note, int(width * LETTERS_PER_INCH * 1.05))]
     if lines:
         chart.supxlabel("\n".join(lines), x=0.01, ha="left", fontsize=8, color=MUTED)
+    return chart
 
 
 def drawing_of(
     name: str, chart: Figure, axes: Sequence[Axes], title: str, notes: Sequence[str] = ()
 ) -> Drawing:
     """Return a figure with its title, its legend and its notes; `name` is that of its files."""
-    headed(chart, axes, title)
-    footnote(chart, notes)
-    return Drawing(name, chart)
+    return Drawing(name, titled(chart, axes, title, notes))
 
 
 def width_of(text: str) -> float:
     """Return the width [mm] of `column`, `page` or a number; raises ConfigurationError else."""
-    try:
-        width = WIDTHS_MM.get(text) or float(text)
-    except ValueError:
-        width = 0.0
-    if not NARROWEST_MM <= width <= WIDEST_MM:
-        raise ConfigurationError(
-            f"--width: got {text!r}, expected column, page or {NARROWEST_MM:g} to {WIDEST_MM:g} mm"
-        )
-    return width
+    with suppress(ValueError):
+        if NARROWEST_MM <= (width := float(WIDTHS_MM.get(text, text))) <= WIDEST_MM:
+            return width
+    expected = f"expected column, page or {NARROWEST_MM:g} to {WIDEST_MM:g} mm"
+    raise ConfigurationError(f"--width: got {text!r}, {expected}")
 
 
 def fit(chart: Figure) -> None:
@@ -286,9 +264,10 @@ def intervals(chosen: NDArray[np.bool_]) -> NDArray[np.int64]:
     return np.flatnonzero(np.diff(np.concatenate([[False], chosen, [False]]))).reshape(-1, 2)
 
 
-def shaded(axes: Axes, t: Sample, train: Sample) -> None:
-    """Shade the training samples; `t` [s] and `train` (0 or 1) have shape (n,)."""
-    for first, end in intervals(train > 0):
+def shaded(axes: Axes, columns: Mapping[str, Sample]) -> None:
+    """Shade the training samples of a series: columns `t` [s] and, if any, `train` (0 or 1)."""
+    t = columns["t"]
+    for first, end in intervals(np.asarray(columns.get("train", t[:0])) > 0):
         axes.axvspan(t[first], t[end - 1], color=SHADE, linewidth=0, zorder=0)
 
 
@@ -313,8 +292,8 @@ def prefixed(unit: str, largest: float) -> tuple[str, float]:
 
 def largest_of(signals: Sequence[Sample]) -> float:
     """Return the largest absolute value of signals, without NaN; 0 if there is none."""
-    finite = [np.abs(signal[np.isfinite(signal)]) for signal in signals]
-    return max((float(np.max(values)) for values in finite if values.size), default=0.0)
+    finite = (np.abs(signal[np.isfinite(signal)]) for signal in signals)
+    return max((float(np.max(values, initial=0.0)) for values in finite), default=0.0)
 
 
 def draw_limits(axes: Axes, limits: tuple[float, float] | None, peak: float) -> None:

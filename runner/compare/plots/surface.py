@@ -16,8 +16,7 @@ from seatrial.runner.compare.plots.selection import Facet, per_facet, subtitle
 
 FIGURE = Figure(
     "surface", "MSE over model order and number of variables.",
-    "the diagnostic surface_mse, as of identifier=surface_plsr", ("run", "dof", "facet"),
-    place=3,
+    "the diagnostic surface_mse, as of identifier=surface_plsr", ("run", "dof", "facet"), place=3,
 )  # fmt: skip
 
 SURFACE = "surface_mse"
@@ -48,8 +47,7 @@ def _drawing(results: Queries, request: PlotRequest, facet: Facet) -> style.Draw
         powers = np.arange(np.ceil(np.log10(low)), np.floor(np.log10(high)) + 1)
         if min(mse.shape) > 1 and powers.size:
             panel.contour(*grid, levels=10.0**powers, colors="white", linewidths=0.8)
-        panel.set_xlabel("Number of variables")
-        panel.set_ylabel("Model order")
+        panel.set(xlabel="Number of variables", ylabel="Model order")
         for axis in (panel.xaxis, panel.yaxis):
             axis.set_major_locator(MaxNLocator(integer=True))
         panel.grid(visible=False)

@@ -40,11 +40,12 @@ MARKS = 24  # hulls along a track, at most
 SLENDEREST = 0.35  # smaller over larger side of the picture, at least
 ARROWS = 16  # arrows of the wind along a track, at most
 ARROW_SHARE = 0.09  # the longest arrow, of the larger side of the picture
-SIDE, PLAN_SIDE = 4.6, 6.4  # of a panel [inch]
+SIDE, PLAN_SIDE, FORCES = 4.6, 6.4, 1.9  # of a panel; the last is the height of forces [inch]
 TESTING = 2.0  # the role of a manoeuvre that is held out
 HARBOUR = "harbour"  # series: polygon 0 is the hull in body axes, the others are land
-FORCES = 1.9  # height of a panel of forces [inch]
 SPACING, DOCKING_SPACING = 1.2, 0.5  # of the hulls along a track, in their lengths
+START: dict[str, Any] = {"label": "start", "color": style.REFERENCE, "markersize": 7, "zorder": 5,
+                         "markeredgecolor": "white", "markeredgewidth": 1.2}  # fmt: skip
 
 
 def drawings(results: Queries, request: PlotRequest) -> list[style.Drawing]:
@@ -57,13 +58,10 @@ def drawings(results: Queries, request: PlotRequest) -> list[style.Drawing]:
     for run, series_of in selection.each_run(
         results, request, (*selection.DEPLOYMENTS, "recording", "plan", HARBOUR)
     ):
-        deployed = {kind: series_of[kind] for kind in selection.DEPLOYMENTS if kind in series_of}
         if "plan" in series_of:
             drawn.append(_plan(results, run, series_of["plan"], series_of["recording"]))
-        if deployed or "plan" not in series_of:
-            own, notes = selection.distinct(
-                results, run, deployed or {"recording": series_of["recording"]}
-            )
+        if "plan" not in series_of or {*selection.DEPLOYMENTS} & {*series_of}:
+            own, notes = selection.distinct(results, run, series_of)
             selection.in_plane(run, "plot track", own)
             drawn.append(_drawing(results, run, own, notes, series_of.get(HARBOUR)))
     return drawn
@@ -112,6 +110,11 @@ def draw_track(axes: Axes, model: str, series: Series) -> Line2D:
     return axes.plot(columns["y"], columns["x"], color=colour, label=label)[0]
 
 
+def _places(series: Series, rows: Any = slice(None)) -> tuple[Sample, Sample]:
+    """Return east and north [m] of the positions in some rows of a series."""
+    return series.columns["y"][rows], series.columns["x"][rows]
+
+
 def _plane(axes: Axes, north: Sample, east: Sample) -> None:
     """Give axes the limits of north and east [m], shape (2,) each, equal scales and labels."""
     axes.set(xlim=tuple(east), ylim=tuple(north), xlabel="East [m]", ylabel="North [m]")
@@ -120,17 +123,16 @@ def _plane(axes: Axes, north: Sample, east: Sample) -> None:
 
 def _polygons(axes: Axes, series: Series, **look: Any) -> None:
     """Draw the polygons of a series, those of waters and land, but for number 0."""
-    columns, numbers = series.columns, series.columns["polygon"]
+    numbers = series.columns["polygon"]
     for number in np.unique(numbers[numbers > 0.0]):
-        corners = np.column_stack([columns[name][numbers == number] for name in ("y", "x")])
+        corners = np.column_stack(_places(series, numbers == number))
         axes.add_patch(Polygon(corners, facecolor=style.LAND, zorder=0.5, **look))
 
 
 def hull_of(harbour: Series) -> Sample:
     """Return the corners of the hull of a docking, body axes, (n, 2) [m]."""
-    columns = harbour.columns
-    hull: Sample = np.column_stack([columns["x"], columns["y"]])[columns["polygon"] == 0.0]
-    return hull
+    east, north = _places(harbour, harbour.columns["polygon"] == 0.0)
+    return np.column_stack([north, east])
 
 
 def draw_harbour(axes: Axes, harbour: Series, voyage: Series) -> None:
@@ -154,7 +156,7 @@ def _drawing(
         ranges.append(np.array([min(map(np.nanmin, values)), max(map(np.nanmax, values))]))
     extent = max(float(np.ptp(limits)) for limits in ranges)
     length, note = drawn_length(results.reader.run(run.id).config, extent)
-    room = 0.55 if harbour is None else 1.4  # for the hulls
+    room, spacing = (0.55, SPACING) if harbour is None else (1.4, DOCKING_SPACING)  # of hulls
     margin = max((0.06 + ARROW_SHARE * windy) * extent + 1e-9, room * length)
     least = 0.5 * SLENDEREST * (extent + 2.0 * margin)
     halves = [max(0.5 * float(np.ptp(limits)) + margin, least) for limits in ranges]
@@ -167,11 +169,10 @@ def _drawing(
     for panel, (model, series) in zip(axes, voyages.items(), strict=False):
         colour = draw_track(panel, model, series).get_color()
         columns, hull = series.columns, None if harbour is None else hull_of(harbour)
-        spacing = length * (SPACING if harbour is None else DOCKING_SPACING)
         if "psi" in columns:
             steps = np.hypot(np.diff(columns["x"]), np.diff(columns["y"]))
             sailed = np.concatenate([[0.0], np.cumsum(steps)])
-            number = int(np.clip(sailed[-1] / spacing, 1, MARKS))
+            number = int(np.clip(sailed[-1] / (length * spacing), 1, MARKS))
             marks = np.linspace(0.0, sailed[-1], number + 1)[1:]  # the last sample is one of them
             for index in np.unique(np.searchsorted(sailed, marks).clip(0, len(sailed) - 1)):
                 x, y, psi = (float(columns[name][index]) for name in ("x", "y", "psi"))
@@ -181,10 +182,7 @@ def _drawing(
             draw_harbour(panel, harbour, series)
         if NORTH in columns:
             _arrows(panel, series, max(np.ptp(north), np.ptp(east)))
-        panel.plot(
-            columns["y"][0], columns["x"][0], "o", color=style.REFERENCE, markersize=7,
-            label="start", markeredgecolor="white", markeredgewidth=1.2, zorder=5,
-        )  # fmt: skip
+        panel.plot(*_places(series, 0), "o", **START)
         _plane(panel, north, east)
     if harbour is not None:
         _forces(axes, series_of, (2.0 * height - FORCES) / FORCES)
@@ -224,8 +222,8 @@ def _arrows(axes: Axes, series: Series, extent: float) -> None:
     strongest = float(np.max(np.hypot(*wind.T)))
     if strongest > 0.0:
         axes.quiver(
-            columns["y"][middle], columns["x"][middle], *wind.T, color=style.WIND, pivot="tip",
-            angles="xy", units="inches", scale_units="xy", width=0.025, zorder=3,
+            *_places(series, middle), *wind.T, color=style.WIND, pivot="tip", angles="xy",
+            units="inches", scale_units="xy", width=0.025, zorder=3,
             scale=strongest / (ARROW_SHARE * extent + 1e-9),
         )  # fmt: skip
         label = f"wind, up to {number_text(strongest, 3)} m/s"
@@ -245,18 +243,15 @@ def _plan(results: Queries, run: StoredRun, plan: Series, recording: Series) -> 
     )
     height = 1.2 + 0.9 * PLAN_SIDE * float(np.clip(np.ptp(north) / np.ptp(east), 0.4, 1.6))
     figure, (axes,) = style.panels(1, 1, PLAN_SIDE, height)
-    area = waters.columns["polygon"] == 0.0
+    area = _places(waters, waters.columns["polygon"] == 0.0)
     axes.set_facecolor(style.SHADE)
     axes.grid(visible=False)
-    axes.fill(waters.columns["y"][area], waters.columns["x"][area], facecolor="white",
-              edgecolor=style.MUTED, zorder=0.5)  # fmt: skip
+    axes.fill(*area, facecolor="white", edgecolor=style.MUTED, zorder=0.5)
     _polygons(axes, waters, edgecolor=style.MUTED, hatch="///")
-    sailed = recording.columns["y"], recording.columns["x"]
-    axes.plot(*sailed, color=style.MUTED, linewidth=0.9, label="sailed", zorder=2.2)
-    look: dict[str, Any] = {"linestyle": ":", "color": style.REFERENCE, "linewidth": 1.2}
+    axes.plot(*_places(recording), color=style.MUTED, linewidth=0.9, label="sailed", zorder=2.2)
+    look: dict[str, Any] = {"color": style.REFERENCE, "linewidth": 1.2, "zorder": 2.5}
     for i, (a, b) in enumerate(style.intervals(columns["manoeuvre"] < 0.0)):
-        label, way = None if i else "passage", (columns["y"][a : b + 1], columns["x"][a : b + 1])
-        axes.plot(*way, label=label, zorder=2.5, **look)
+        axes.plot(*_places(plan, slice(a, b + 1)), ":", label=None if i else "passage", **look)
     names = ("mix_count", "plan_deviation", "sailed_clearance")
     rows = results.diagnostics(names, Condition(runs=(run.id,)))
     counts, values = rows[rows["name"] == "mix_count"], rows.set_index("name")["value"]
@@ -266,15 +261,11 @@ def _plan(results: Queries, run: StoredRun, plan: Series, recording: Series) -> 
         # the first line, which is in the legend, is thick
         for i, (a, b) in enumerate(sorted(parts.tolist(), key=lambda part: held_out[part[0]])):
             look = {"linewidth": 1.4 if held_out[a] else 2.6, "label": None if i else name}
-            axes.plot(
-                columns["y"][a : b + 1], columns["x"][a : b + 1], color=colour, marker="o",
-                markersize=4, markevery=[0], zorder=3, **look,
-            )  # fmt: skip
-    for index, label, fill in ((0, "start", "full"), (-1, "goal", "none")):
-        axes.plot(
-            columns["y"][index], columns["x"][index], "o" if fill == "full" else "s", label=label,
-            color=style.REFERENCE, fillstyle=fill, markersize=9, zorder=4,
-        )  # fmt: skip
+            look |= {"marker": "o", "markersize": 4, "markevery": [0], "zorder": 3}
+            axes.plot(*_places(plan, slice(a, b + 1)), color=colour, **look)
+    look = {"color": style.REFERENCE, "markersize": 9, "zorder": 4}
+    axes.plot(*_places(plan, 0), "o", label="start", **look)
+    axes.plot(*_places(plan, -1), "s", label="goal", fillstyle="none", **look)
     _plane(axes, north, east)
     clearance = float(waters.columns["clearance"][0])
     notes = [f"clearance of the plan: {clearance:g} m; thin: held out for testing"]

@@ -13,8 +13,7 @@ FIGURE = Figure(
     place=9,
 )  # fmt: skip
 
-# Label, unit, and its size in the stored one.
-ERRORS = {
+ERRORS = {  # label, unit, and its size in the stored one
     "e_pos": ("Position error", "m", 1.0),
     "e_psi": ("Heading error", "deg", float(np.radians(1.0))),
 }

@@ -9,7 +9,7 @@ from docs.vessels import parameters_of
 from seatrial.models.errors import ConfigurationError
 from seatrial.models.vessel.basis import Array
 from seatrial.models.vessel.devices.azimuth import Thruster
-from seatrial.models.vessel.devices.validity import doubts, excesses
+from seatrial.models.vessel.devices.device import doubts, excesses
 from seatrial.models.vessel.table import Vessel
 from seatrial.runner.trials import trial as trials
 from tests.models.vessel.oracles import oracle_file

@@ -14,6 +14,7 @@ from seatrial.runner.compare import animation
 from seatrial.runner.compare.animation import BLADE, film_of, parts_of, turning_side
 from seatrial.runner.compare.frame import open_results
 from seatrial.runner.compare.plots import style
+from seatrial.runner.compare.plots.track import in_ned
 from seatrial.runner.record.rows import Series
 from tests.runner.compare import stored
 from tests.runner.compare.conftest import Program
@@ -84,12 +85,13 @@ def test_forces_share_a_scale_and_turn_with_the_hull() -> None:
         stored.series("deployment", ahead | {"tau_sway": 0.0 * T + sway}) for sway in (500.0, 100.0)
     ]
     (first,), (second,) = parts_of(pair, {}, 10.0)
-    body = first.end[7] - first.start[7]
+    ends = np.array([first.start[7], first.end[7]])
+    body = ends[1] - ends[0]
     np.testing.assert_allclose(body, [0.8, 8.0])  # 0.8 L for the largest
     np.testing.assert_allclose(second.end[7], [0.8, 1.6])
-    ahead_is_north = first.in_plane(0.0, 0.0, 0.0, 7)
+    ahead_is_north = in_ned(ends, 0.0, 0.0, 0.0)
     np.testing.assert_allclose(ahead_is_north[1], body[::-1])  # east is starboard
-    ahead_is_east = first.in_plane(3.0, 2.0, 0.5 * np.pi, 7)
+    ahead_is_east = in_ned(ends, 3.0, 2.0, 0.5 * np.pi)
     np.testing.assert_allclose(ahead_is_east[1], [2.0 + body[0], 3.0 - body[1]], atol=1e-9)
 
 
