@@ -29,7 +29,6 @@ from seatrial.models.excitation.next_experiment import (
     doubted,
     ranked,
 )
-from seatrial.models.excitation.optimal_design import OptimalDesign
 from seatrial.models.identification.uncertainty import long_run_share
 from seatrial.models.recording.recording import Recording
 from seatrial.models.simulation.voyage import recording_of
@@ -37,15 +36,10 @@ from seatrial.models.vessel.basis import Array
 from seatrial.models.vessel.devices.device import with_parameters
 from seatrial.models.vessel.table import Vessel
 from seatrial.runner.commands.next import trial_of
-from seatrial.runner.configuration.config import Trial, build_as
+from seatrial.runner.configuration.config import Trial
 from seatrial.runner.trials import next_experiment
 from seatrial.runner.trials.closed_loop import Streams, prepare
-from seatrial.runner.trials.next_experiment import (
-    Candidate,
-    ForcePlanner,
-    SteeredPlanner,
-    planner_of,
-)
+from seatrial.runner.trials.next_experiment import Candidate, SequencePlanner, planner_of
 
 FILE = Path(__file__).parent / "next_trials.json"
 TASKS = {  # vessel: purpose, target [%]
@@ -54,7 +48,6 @@ TASKS = {  # vessel: purpose, target [%]
     "otter": ("tactical_diameter", 15.0),
 }
 ARMS = ("next", "D-optimal", "IMO")
-SHARES = 8  # of the helm, of conf/excitation/helm_sequence.yaml
 DOUBT, MOST, STEPS, MEMORY_S = 0.2, 8, 3, 10.0
 State = tuple[Array, Array]  # u (m,) and its information (m, m)
 
@@ -99,18 +92,12 @@ def without_steady(values: Array, data: Recording) -> Array:
     return np.asarray(values - np.einsum("ni,mi,kmd->knd", basis, basis, values, optimize=True))
 
 
-def imo(names: list[str], steered: bool) -> list[int]:
-    """Numbers of circles to both sides and zig-zags, as far as the vessel has them."""
-    if not steered:
-        wanted = ("circle, 100 %", "zigzag_10, 100 %", "zigzag_20, 100 %")
-        return [names.index(name) for name in wanted]
-    turns = [i for i, name in enumerate(names) if name.startswith("turn")]
-    zigzags = [i for i, name in enumerate(names) if name.startswith("zig-zag")]
-    per = len(zigzags) // SHARES
-    by_share = [zigzags[k * per : (k + 1) * per] for k in range(SHARES)]
-    small = [by_share[k][2] for k in (4, 3)]  # a quarter of the helm, 10 deg, the longest
-    large = [by_share[k][5] for k in (5, 2)]  # half of it, 20 deg
-    return [turns[-1], turns[2], *small, *large]
+IMO = {  # circles to both sides with the largest helm; zig-zags 10/10 and 20/20 or near
+    True: ["turn, 100 %, slower x 3", "turn, -100 %, slower x 3", "zigzag_10, 25 %, slower x 3",
+           "zigzag_10, -25 %, slower x 3", "zigzag_20, 50 %, slower x 3",
+           "zigzag_20, -50 %, slower x 3"],
+    False: ["circle, 100 %", "zigzag_10, 100 %", "zigzag_20, 100 %"],
+}  # fmt: skip
 
 
 def trial(task: str, seeds: int) -> Iterator[dict[str, object]]:
@@ -124,7 +111,8 @@ def trial(task: str, seeds: int) -> Iterator[dict[str, object]]:
     seconds = np.array([each.seconds for each in candidates])
     value, _ = next_experiment.value_of(known, name)
     fixed = d_optimal(told, seconds)
-    standard = imo([c.name for c in candidates], isinstance(noisy.excitation, HelmSequence))
+    names = [candidate.name for candidate in candidates]
+    standard = [names.index(each) for each in IMO[isinstance(noisy.excitation, HelmSequence)]]
     orders: dict[str, Callable[[int, Purpose, Array], int]] = {
         "next": lambda k, purpose, H: ranked(purpose, H, told, seconds)[0],
         "D-optimal": lambda k, purpose, H: fixed[k % len(fixed)],
@@ -176,20 +164,10 @@ def _purpose(
 
 
 def _sailed(
-    planner: SteeredPlanner | ForcePlanner,
-    windy: Trial,
-    candidate: Candidate,
-    truth: Vessel,
-    seed: int,
+    planner: SequencePlanner, windy: Trial, candidate: Candidate, truth: Vessel, seed: int
 ) -> Recording:
     """The recording of the true vessel in noise and wind."""
-    family = windy.excitation
-    if isinstance(family, HelmSequence):
-        mission = replace(family, steps=candidate.own)
-    else:
-        assert isinstance(planner, ForcePlanner)
-        node = planner.node({candidate.name: candidate.own})
-        mission = build_as(OptimalDesign, node, "excitation")  # type: ignore[assignment]
+    mission = planner.mission({candidate.name: candidate.own})
     setup = prepare(windy, Streams(seed), windy.vessel.nominal(), mission, true=truth)
     voyage = setup.sail().voyage
     return replace(recording_of(voyage, voyage.weather), wind=None)
