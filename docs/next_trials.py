@@ -2,11 +2,11 @@
 
 `python -m docs.next_trials --seeds 20 --write` computes it, `make next` runs that. The parameters
 of the true vessel deviate from the nominal ones by a normal doubt of 20 % (half of the 90 %
-interval), in measurement noise and wind; of the wind a steady force is allowed for in each
-recording. Manoeuvres are sailed one by one, and after each the distribution is updated by
-Gauss-Newton steps with the measured accelerations. They are chosen by `next`, by a D-optimal design
-over the same candidates, or are those of IMO's trials: circles to both sides and zig-zags, repeated
-until the interval is reached.
+interval), in measurement noise and wind, which is measured while its force is not known. Manoeuvres
+are sailed one by one, and after each free runs are fitted to all recordings so far, from what was
+believed at first; the covariance is enlarged by the slow part of the residuals. Manoeuvres are
+chosen by `next`, by a D-optimal design over the same candidates, or are those of IMO's trials:
+circles to both sides and zig-zags, repeated until the interval is reached.
 """
 
 import json
@@ -22,30 +22,35 @@ from scipy.stats import binomtest
 from seatrial.models.errors import SeatrialError
 from seatrial.models.excitation.helm_sequence import HelmSequence
 from seatrial.models.excitation.next_experiment import (
+    NORMAL_90,
     SPARE,
     Belief,
     Purpose,
-    acceleration,
     doubted,
     ranked,
 )
-from seatrial.models.excitation.optimal_design import OptimalDesign
-from seatrial.models.identification.uncertainty import long_run_share
-from seatrial.models.recording.recording import Recording
+from seatrial.models.identification.free_parameters import WINDAGE, free_parameters, with_devices
+from seatrial.models.identification.free_run_fit import (
+    Effort,
+    Fit,
+    FreeRuns,
+    Stage,
+    grown,
+    segments,
+)
+from seatrial.models.identification.uncertainty import parameter_covariance
+from seatrial.models.identification.validation import restart_length
+from seatrial.models.recording.recording import Recording, end_to_end
 from seatrial.models.simulation.voyage import recording_of
 from seatrial.models.vessel.basis import Array
 from seatrial.models.vessel.devices.device import with_parameters
 from seatrial.models.vessel.table import Vessel
+from seatrial.models.vessel.thruster import SecondOrderLag
 from seatrial.runner.commands.next import trial_of
-from seatrial.runner.configuration.config import Trial, build_as
+from seatrial.runner.configuration.config import Trial
 from seatrial.runner.trials import next_experiment
 from seatrial.runner.trials.closed_loop import Streams, prepare
-from seatrial.runner.trials.next_experiment import (
-    Candidate,
-    ForcePlanner,
-    SteeredPlanner,
-    planner_of,
-)
+from seatrial.runner.trials.next_experiment import Candidate, SequencePlanner, planner_of
 
 FILE = Path(__file__).parent / "next_trials.json"
 TASKS = {  # vessel: purpose, target [%]
@@ -54,8 +59,9 @@ TASKS = {  # vessel: purpose, target [%]
     "otter": ("tactical_diameter", 15.0),
 }
 ARMS = ("next", "D-optimal", "IMO")
-SHARES = 8  # of the helm, of conf/excitation/helm_sequence.yaml
-DOUBT, MOST, STEPS, MEMORY_S = 0.2, 8, 3, 10.0
+DOUBT, MOST = 0.2, 8
+WINDAGE_SI = 10.0  # deviation of the coefficients of windage [N s^2/m^2, Nm s^2/m^2]
+STAGES = tuple((share, Effort(2, 8, 1e-4)) for share in (0.1, 0.3, 1.0))  # of the restart length
 State = tuple[Array, Array]  # u (m,) and its information (m, m)
 
 
@@ -74,43 +80,61 @@ def about(belief: Belief, u: Array) -> Belief:
     return Belief(at(u), [at(u + each) for each in near], near, belief.basis)
 
 
-def updated(belief: Belief, state: State, data: Recording) -> State:
-    """The distribution after a recording, by Gauss-Newton steps."""
-    first, known = state
-    u, H = state
-    for _ in range(STEPS):
-        near = about(belief, u)
-        J, _ = near.sensitivity(data, len(data))
-        rest = data.nu_dot - acceleration(near.model, data)
-        left = without_steady(rest[None], data)[0]
-        share = np.maximum(long_run_share(left, MEMORY_S / data.period_s), 1.0)
-        size = np.sqrt(np.mean(left**2, axis=0) * share)
-        J, rest = without_steady(J, data), without_steady(rest[None], data)[0]
-        A, r = (J / size).reshape(len(J), -1), (rest / size).ravel()
-        H = known + A @ A.T
-        u = np.linalg.solve(H, known @ first + A @ (r + A.T @ u))
-    return u, H
+class Estimator:
+    """The belief and the recordings so far: a fit of free runs to all of them from the prior.
+
+    Parameters p deviate by what is doubted, and three coefficients of the windage by `WINDAGE_SI`:
+    the wind is measured, its force on the vessel is not known.
+    """
+
+    def __init__(self, belief: Belief, lag: SecondOrderLag | None) -> None:
+        model, theta = belief.model.on(belief.draws[0].terms), belief.basis
+        unsure = [label for label, row in zip(belief.labels, theta, strict=True) if np.any(row)]
+        table = [label for label in unsure if label not in model.installed.labels]
+        free = free_parameters(model, [*table, *WINDAGE], "free", False)
+        devices = [label for label in unsure if label not in table]
+        self.free, self.lag = with_devices(free, devices) if devices else free, lag
+        self.own = np.array([label not in WINDAGE for label in self.free.labels])
+        rows = [belief.labels.index(label) for label in np.array(self.free.labels)[self.own]]
+        self.into = np.linalg.pinv(belief.basis[rows])  # u of p - p_hat
+        size = np.abs(self.free.values) * DOUBT / NORMAL_90
+        self.deviation = np.where(self.own, size, WINDAGE_SI)
+        self.change, self.data = np.zeros(len(size)), list[Recording]()
+        self.fit: Fit | None = None
+
+    def runs(self, data: Recording, segment_s: float) -> FreeRuns:
+        """Free runs of a recording; shafts have jumped at the beginning of a sample."""
+        predictor = segments(data, self.free, self.lag, None, segment_s)
+        if data.inputs is not None and "delta" not in data.input_names:
+            after = np.vstack([data.inputs[1:], data.inputs[-1:]])
+            acting = np.repeat(after[:, None], 3, axis=1)
+            predictor = replace(predictor, course=predictor.course._replace(acting=acting))
+        return FreeRuns(predictor, self.deviation)
+
+    def updated(self, data: Recording) -> State:
+        """The distribution after one recording more."""
+        self.data.append(data)
+        whole, model = end_to_end(self.data), self.free.nominal
+        length_s, size = restart_length(model, whole), self.deviation
+        stages = (Stage(self.runs(whole, share * length_s), effort) for share, effort in STAGES)
+        fit = self.fit = grown(stages, self.change, np.zeros_like(size), size, None)
+        self.change, count = fit.change, len(size) + len(fit.runs.begin) * len(model.dofs)
+        scaled = parameter_covariance(
+            fit.jacobian * size, fit.rest, np.ones(len(size)), fit.tau, count, None
+        )
+        covariance = (max(fit.slow, 1.0) * np.outer(size, size) * scaled)[
+            np.ix_(self.own, self.own)
+        ]
+        u = self.into @ self.change[self.own]
+        return u, np.linalg.inv(self.into @ covariance @ self.into.T)
 
 
-def without_steady(values: Array, data: Recording) -> Array:
-    """Accelerations (k, N, n_dof) without what a force can do that is steady in NED or body."""
-    psi = data.attitude[:, 2]
-    basis = np.linalg.qr(np.column_stack([np.ones_like(psi), np.cos(psi), np.sin(psi)]))[0]
-    return np.asarray(values - np.einsum("ni,mi,kmd->knd", basis, basis, values, optimize=True))
-
-
-def imo(names: list[str], steered: bool) -> list[int]:
-    """Numbers of circles to both sides and zig-zags, as far as the vessel has them."""
-    if not steered:
-        wanted = ("circle, 100 %", "zigzag_10, 100 %", "zigzag_20, 100 %")
-        return [names.index(name) for name in wanted]
-    turns = [i for i, name in enumerate(names) if name.startswith("turn")]
-    zigzags = [i for i, name in enumerate(names) if name.startswith("zig-zag")]
-    per = len(zigzags) // SHARES
-    by_share = [zigzags[k * per : (k + 1) * per] for k in range(SHARES)]
-    small = [by_share[k][2] for k in (4, 3)]  # a quarter of the helm, 10 deg, the longest
-    large = [by_share[k][5] for k in (5, 2)]  # half of it, 20 deg
-    return [turns[-1], turns[2], *small, *large]
+IMO = {  # circles to both sides with the largest helm; zig-zags 10/10 and 20/20 or near
+    True: ["turn, 100 %, slower x 3", "turn, -100 %, slower x 3", "zigzag_10, 25 %, slower x 3",
+           "zigzag_10, -25 %, slower x 3", "zigzag_20, 50 %, slower x 3",
+           "zigzag_20, -50 %, slower x 3"],
+    False: ["circle, 100 %", "zigzag_10, 100 %", "zigzag_20, 100 %"],
+}  # fmt: skip
 
 
 def trial(task: str, seeds: int) -> Iterator[dict[str, object]]:
@@ -124,7 +148,8 @@ def trial(task: str, seeds: int) -> Iterator[dict[str, object]]:
     seconds = np.array([each.seconds for each in candidates])
     value, _ = next_experiment.value_of(known, name)
     fixed = d_optimal(told, seconds)
-    standard = imo([c.name for c in candidates], isinstance(noisy.excitation, HelmSequence))
+    names = [candidate.name for candidate in candidates]
+    standard = [names.index(each) for each in IMO[isinstance(noisy.excitation, HelmSequence)]]
     orders: dict[str, Callable[[int, Purpose, Array], int]] = {
         "next": lambda k, purpose, H: ranked(purpose, H, told, seconds)[0],
         "D-optimal": lambda k, purpose, H: fixed[k % len(fixed)],
@@ -137,12 +162,13 @@ def trial(task: str, seeds: int) -> Iterator[dict[str, object]]:
         for arm in ARMS:
             state, spent, width = (np.zeros(m), np.eye(m)), 0.0, np.inf
             purpose, centre = _purpose(belief, value, state, name)
+            estimator = Estimator(belief, noisy.vessel.thruster)
             for k in range(MOST):
                 number = orders[arm](k, purpose, state[1] - np.eye(m))
                 data = _sailed(planner, windy, candidates[number], truth, 100 * seed + k)
                 spent += float(seconds[number])
                 try:
-                    state = updated(belief, state, data)
+                    state = estimator.updated(data)
                     purpose, centre = _purpose(belief, value, state, name)
                 except SeatrialError:  # the estimate cannot be sailed: not reached
                     width = float("inf")
@@ -176,23 +202,13 @@ def _purpose(
 
 
 def _sailed(
-    planner: SteeredPlanner | ForcePlanner,
-    windy: Trial,
-    candidate: Candidate,
-    truth: Vessel,
-    seed: int,
+    planner: SequencePlanner, windy: Trial, candidate: Candidate, truth: Vessel, seed: int
 ) -> Recording:
     """The recording of the true vessel in noise and wind."""
-    family = windy.excitation
-    if isinstance(family, HelmSequence):
-        mission = replace(family, steps=candidate.own)
-    else:
-        assert isinstance(planner, ForcePlanner)
-        node = planner.node({candidate.name: candidate.own})
-        mission = build_as(OptimalDesign, node, "excitation")  # type: ignore[assignment]
+    mission = planner.mission({candidate.name: candidate.own})
     setup = prepare(windy, Streams(seed), windy.vessel.nominal(), mission, true=truth)
     voyage = setup.sail().voyage
-    return replace(recording_of(voyage, voyage.weather), wind=None)
+    return recording_of(voyage, voyage.weather)
 
 
 def shown(rows: list[dict[str, Any]]) -> str:

@@ -5,22 +5,19 @@ are paths of Dubins, an arc at a helm until the heading has changed, then the ne
 """
 
 from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
-from itertools import product
 from typing import Literal
 
 import numpy as np
 
 from seatrial.models.errors import ConfigurationError
 from seatrial.models.excitation.commands import HEADING, HOLD, Piece, zigzag
-from seatrial.models.excitation.helm import SteeredMission, register
+from seatrial.models.excitation.helm import SteeredMission
 from seatrial.models.planning.dubins import Arc
-from seatrial.models.ranges import NotNegative, Positive, check_ranges
+from seatrial.models.ranges import Positive, check_ranges
 from seatrial.models.recording.recording import Mask, Split, half
 from seatrial.models.vessel.basis import Array
-
-ONES = 5  # at the beginning of a binary sequence, which are left out
 
 
 @dataclass(frozen=True)
@@ -43,36 +40,20 @@ class HelmStep:
         check_ranges(self)
 
 
-@dataclass(frozen=True)
-class HelmGrid:
-    """Manoeuvres of one kind, all combinations: candidates of `seatrial next`.
-
-    `shares` of the way from the start of the helm to its limits, `lengths` of a manoeuvre [L / U];
-    of a zig-zag also `turns_deg`, of a binary sequence the time `holds` of an order [L / U].
-    """
-
-    kind: Literal["turn", "zig-zag", "binary"]
-    shares: tuple[float, ...]
-    lengths: tuple[Positive, ...]
-    turns_deg: tuple[NotNegative, ...] = (0.0,)  # 0 without
-    holds: tuple[NotNegative, ...] = (0.0,)
-
-    def __post_init__(self) -> None:
-        check_ranges(self)
-
-
 @dataclass(frozen=True, kw_only=True)
 class HelmSequence(SteeredMission):
     """Steps in turn, from `start_pose` (north [m], east [m], heading [deg]) at approach speed.
 
     `expected` is what was expected of it: half the 90 % interval by purpose. `candidates` are what
-    `seatrial next` chooses the steps from.
+    `seatrial next` chooses from: steps by name, whose `seconds` are in L / U and whose `order` is a
+    share of the way from the start of the helm to its limits. `variants` are factors on both.
     """
 
     steps: tuple[HelmStep, ...]
     start_pose: tuple[float, float, float] = (0.0, 0.0, 0.0)
     expected: Mapping[str, float] | None = None
-    candidates: tuple[HelmGrid, ...] = ()
+    candidates: Mapping[str, tuple[HelmStep, ...]] | None = None
+    variants: Mapping[str, tuple[float, ...]] | None = None
 
     def __post_init__(self) -> None:
         if not self.steps:
@@ -99,39 +80,27 @@ class HelmSequence(SteeredMission):
         start, limits = self.input_start[self.index], (self.input_low, self.input_high)
         return float(start + abs(share) * (limits[share > 0.0][self.index] - start))
 
-    def in_words(self, order: float) -> str:
-        """A value of the helm with its unit."""
-        return f"{np.degrees(order):.3g} deg" if self.helm == "delta" else f"{order:.4g}"
+    def variant(self, name: str, size: float, slowness: float) -> tuple[HelmStep, ...]:
+        """The steps of a candidate, its orders times `size` and its times `slowness`."""
+        return tuple(
+            replace(
+                step, seconds=round(slowness * step.seconds * self.unit_s, 1),
+                order=self.order(size * step.order),
+            )
+            for step in (self.candidates or {})[name]
+        )  # fmt: skip
 
     def rows(self) -> Iterator[tuple[float, str]]:
         """Begin [s] of each step, and what the helm does."""
         for begin, step in zip(self.edges_s, self.steps, strict=False):
-            text, turn = f"{self.helm} {self.in_words(step.order)}", step.turn_deg
+            in_deg, turn = self.helm == "delta", step.turn_deg
+            order = f"{np.degrees(step.order):.3g} deg" if in_deg else f"{step.order:.4g}"
+            text = f"{self.helm} {order}"
             if step.kind == "zigzag":
                 text += f", to the other side at {turn:g} deg"
             elif step.kind == "turn":
                 text = f"{text} for a turn by {turn:.0f} deg, then straight" if turn else "straight"
             yield float(begin), text
-
-    def manoeuvres(self) -> Iterator[tuple[str, tuple[HelmStep, ...]]]:
-        """Names and steps of the candidates."""
-        for grid in self.candidates:
-            of_kind = grid.shares, grid.turns_deg, grid.holds, grid.lengths
-            for share, turn, hold, length in product(*of_kind):
-                order, seconds = self.order(share), round((hold or length) * self.unit_s, 1)
-                signs, kind = [1.0], "zigzag" if grid.kind == "zig-zag" else "hold"
-                text = f"{f' / {turn:g} deg' if turn else ''}, {seconds:g} s"
-                if grid.kind == "binary":
-                    bits = np.roll(register(6), -ONES)[: round(length / hold)]
-                    signs = (2.0 * bits - 1.0).tolist()
-                    text = f" for {seconds:g} s, {len(signs)} times"
-                yield (
-                    f"{grid.kind}, {self.in_words(order)}{text}",
-                    tuple(
-                        HelmStep(kind, seconds, self.order(share * n), turn)  # type: ignore[arg-type]
-                        for n in signs
-                    ),
-                )
 
     def pieces(self, period_s: float) -> Sequence[Piece]:
         """The orders and the courses."""

@@ -105,9 +105,7 @@ def next_experiment(
     reached = f"reached after {sailed.seconds / 60.0:.1f} min"
     lines += [*_sheet(planner, sailed, widths), f"{target:g} % "]
     typer.echo("\n".join(lines) + (best if widths[-1] > target else reached))
-    node = {**(sailed.node or {}), "expected": {wanted.name: widths[-1]}}
-    if "vessel" in node:  # what it has from the trial
-        node |= {"vessel": "${vessel}", "period_s": "${sample_time_s}", "draw_seed": "${seed}"}
+    node = {**planner.node(sailed), "expected": {wanted.name: widths[-1]}}
     marks = [(begin, planner.candidates[number].name) for begin, number in sailed.chosen]
     try:
         files = write_files(output, node, sailed.motion, marks, waters, where)
@@ -231,8 +229,8 @@ def write_files(
     shapes.write_text(shapely.to_geojson(both), encoding="utf-8")
     acting = motion.tau if motion.inputs is None else motion.inputs
     own = [f"tau_{dof}" for dof in motion.dofs] if motion.inputs is None else motion.input_names
-    head, values = ["t", "north", "east", "psi", *own], [motion.t, *motion.eta.T, *acting.T]
-    np.savetxt(table, np.array(values).T, "%.6f", ",", header=",".join(head), comments="")
+    values = np.column_stack([motion.t, motion.eta, acting])
+    np.savetxt(table, values, "%.6f", ",", header=",".join(("t,north,east,psi", *own)), comments="")
     figure = Figure(figsize=(6.0, 6.0), layout="constrained")
     axes = figure.add_subplot(xlabel="east [m]", ylabel="north [m]", aspect="equal")
     for name, ring in ({} if waters is None else waters.named).items():

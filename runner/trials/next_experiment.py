@@ -7,12 +7,12 @@ vessel that is commanded by forces has those of `excitation=optimal_design` at s
 speeds, which that excitation plans. Without an area there are no joins.
 """
 
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from contextlib import suppress
 from dataclasses import dataclass, replace
 from functools import cached_property, partial
-from itertools import islice, product
-from typing import Any, ClassVar, NamedTuple
+from itertools import chain, product
+from typing import TYPE_CHECKING, Any, ClassVar, NamedTuple
 
 import numpy as np
 
@@ -32,21 +32,27 @@ from seatrial.models.excitation.next_experiment import (
 from seatrial.models.excitation.optimal_design import OptimalDesign
 from seatrial.models.identification.problem import Problem
 from seatrial.models.notation import MEASURES, OrderedManoeuvre
-from seatrial.models.planning.dubins import Arc, dubins, length_of, poses_at
-from seatrial.models.planning.planner import Waters, clear, inside, simplified
+from seatrial.models.planning.dubins import Arc, dubins, length_of
+from seatrial.models.planning.planner import Waters
 from seatrial.models.recording.recording import Recording, end_to_end
 from seatrial.models.simulation.manoeuvre_sheet import DEVIATION_SHARE, Measures, sheet, track_of
-from seatrial.models.simulation.voyage import recording_of
 from seatrial.models.vessel.basis import Array
 from seatrial.models.vessel.kinematics import in_ned
 from seatrial.models.vessel.table import Vessel
 from seatrial.models.weather.disturbance import Disturbance
-from seatrial.runner.configuration.config import Trial, build_as
+from seatrial.runner.configuration.config import Trial
 from seatrial.runner.trials.checks import evaluated
 from seatrial.runner.trials.closed_loop import Streams, prepare
 from seatrial.runner.trials.deployment_metrics import mission_metrics
 from seatrial.runner.trials.manoeuvre_results import UNABLE, sailed
 from seatrial.runner.trials.trial import excite, identify
+
+if TYPE_CHECKING:
+    import shapely
+else:
+    import lazy_loader
+
+    shapely = lazy_loader.load("shapely")  # slow to import
 
 DRAWS = 400  # of which the whitened coordinates are found
 SIMULATED = 120  # of them that carry a manoeuvre out
@@ -57,12 +63,10 @@ ZIGZAG_SHARE = 0.3
 STEERED = 0.02  # of the largest helm, below which it keeps a course
 EVERY = 25  # samples of a circle of which one is predicted
 JOIN_SHARE = 0.6  # of the largest helm, in joins
-GRID, HEADINGS = 9, 8  # of poses at which a candidate may begin
-TRIED, PLACES = 12, 3  # candidates, and beginnings of each, that are simulated in turn
-STRAY, DETAIL = 0.5, 0.05  # [L] from a path of Dubins, and of a simplified track
-ALONG = np.linspace(0.0, 1.0, 100)  # of a path of Dubins, at which it is clear
-ORIGIN = np.zeros((1, 2))
-Node = Mapping[str, Any]
+HEADINGS = 8  # at which a candidate may begin
+TRIED = 12  # candidates that are simulated in turn
+EACH: dict[str, Any] = {"design": "each", "held_out": (), "variants": None}  # of a mix
+OF_TRIAL = {"vessel": "${vessel}", "period_s": "${sample_time_s}", "draw_seed": "${seed}"}
 Value = Callable[[Vessel], Array]  # (k,) of what is predicted; raises what a model cannot do
 
 
@@ -203,7 +207,7 @@ class Candidate(NamedTuple):
     name: str
     seconds: float
     motion: Recording
-    own: Any  # its steps (HelmStep), or its node
+    own: Any  # its steps (HelmStep), or what it is a variant of and the changes
 
 
 class Sailed(NamedTuple):
@@ -212,8 +216,8 @@ class Sailed(NamedTuple):
     chosen: tuple[tuple[float, int], ...] = ()
     mission: Any = None
     motion: Any = None
-    node: Node | None = None  # the excitation
     steps: tuple[HelmStep, ...] = ()  # of a steered vessel, without its return
+    end: Array | None = None  # its pose (3,) after them
 
     @property
     def seconds(self) -> float:
@@ -234,12 +238,32 @@ class SequencePlanner:
     start: tuple[float, ...]
     seconds: float
 
-    candidates: ClassVar[Any]  # a list of Candidate
+    variant: ClassVar[Any]  # (name, size, slowness) of a candidate of the excitation: its `own`
+    mission: ClassVar[Any]  # (`own` by name): a mission of manoeuvres
+    added: ClassVar[Any]  # (Sailed, number): with one candidate more; None: it does not fit
+    node: ClassVar[Any]  # (Sailed): the YAML of an excitation that sails it
 
     @property
-    def base(self) -> Node:
-        """The node of the excitation that candidates are of."""
-        return {**self.known.trial.config["excitation"]}  # type: ignore[dict-item]
+    def family(self) -> Any:
+        """The excitation that candidates are of."""
+        return self.known.trial.excitation
+
+    @cached_property
+    def candidates(self) -> list[Candidate]:
+        """What the vessel can sail, by the model that is known; what it cannot is left out."""
+        trial, found, anywhere = self.known.trial, list[Candidate](), replace(self, waters=None)
+        variants = (self.family.variants[factor] for factor in ("size", "slowness"))
+        for name, size, slow in product(self.family.candidates, *variants):
+            if (own := self.variant(name, size, slow)) is None:
+                continue
+            text = f"{name}, {100.0 * size:g} %{f', slower x {slow:g}' if slow != 1.0 else ''}"
+            mission = anywhere.mission({text: own})
+            with suppress(*UNABLE):
+                mission.check(trial.vessel.dofs)
+                mission.check_limits(trial.vessel.limits_by_dof, trial.sample_time_s)
+                motion = self.known.sailed(mission)
+                found.append(Candidate(text, mission.duration_s, motion, own))
+        return found
 
 
 @dataclass(frozen=True, eq=False)
@@ -249,7 +273,7 @@ class SteeredPlanner(SequencePlanner):
     def __post_init__(self) -> None:
         if self.waters is None:
             return
-        if (reason := self.waters.in_the_way(self.family.start[:2])) is not None:
+        if (reason := self.waters.in_the_way(np.array(self.start[:2]))) is not None:
             raise ConfigurationError(f"next: the start: {reason}")
         radius, speed, _ = self.circle
         if self.waters.free(radius).is_empty:
@@ -258,25 +282,20 @@ class SteeredPlanner(SequencePlanner):
                 f" at {speed:.2g} m/s and a clearance of {self.waters.clearance_m:g} m"
             )
 
-    @cached_property
-    def family(self) -> HelmSequence:
-        """A mission of the vessel from the start."""
-        return replace(self.known.trial.excitation, start_pose=self.start)  # type: ignore
+    def variant(self, name: str, size: float, slowness: float) -> tuple[HelmStep, ...]:
+        """The steps, after an approach."""
+        approach = HelmStep("turn", round(APPROACH * self.family.unit_s, 1), train=False)
+        return approach, *self.family.variant(name, size, slowness)
 
-    @cached_property
-    def candidates(self) -> list[Candidate]:
-        """What the vessel can sail, by the model that is known; what it cannot is left out."""
-        family, found = replace(self.family, start_pose=(0.0, 0.0, 0.0)), []
-        approach = HelmStep("turn", round(APPROACH * family.unit_s, 1), train=False)
-        for name, steps in family.manoeuvres():
-            mission = replace(family, steps=(approach, *steps))
-            try:
-                mission.check(self.known.trial.vessel.dofs)
-                motion = self.known.sailed(mission)
-            except UNABLE:
-                continue
-            found.append(Candidate(name, mission.duration_s, motion, mission.steps))
-        return found
+    def mission(self, own: Mapping[str, Any]) -> Any:
+        """Manoeuvres in turn."""
+        return replace(self.family, steps=tuple(chain(*own.values())))
+
+    def node(self, sailed: Sailed) -> dict[str, Any]:
+        """The steps from the start."""
+        steps = [*map(vars, sailed.mission.steps)]
+        chosen = {"steps": steps, "start_pose": self.start, "candidates": None, "variants": None}
+        return {**self.known.trial.config["excitation"], **chosen}  # type: ignore[dict-item]
 
     @cached_property
     def circle(self) -> tuple[float, float, Array]:
@@ -296,108 +315,89 @@ class SteeredPlanner(SequencePlanner):
         return *max(found), helms
 
     def added(self, so_far: Sailed, number: int) -> Sailed | None:
-        """The sequence with one candidate more and the return; None: it does not fit."""
+        """The steps with a join to the candidate and a return, simulated."""
         candidate, free = self.candidates[number], self.waters and self.waters.free()
-        for join in self._joins(so_far.steps, candidate.motion):
+        start, end = replace(self.family, start_pose=self.start), so_far.end
+        for join in self._joins(start.start if end is None else end, candidate.motion):
             begins = float(sum(step.seconds for step in (*so_far.steps, *join)))
             steps = (*so_far.steps, *join, *candidate.own)
-            mission = replace(self.family, steps=steps)
+            mission = replace(start, steps=steps)
             if mission.duration_s > self.seconds:
                 continue
             try:
                 motion = self.known.sailed(mission)
+                end = motion.eta[-1]
                 if free is not None:
-                    back = self._join(dubins(motion.eta[-1], mission.start, self.circle[0]), 1.0)
-                    mission = replace(mission, steps=(*steps, *back))
+                    back = self._join(dubins(end, start.start, self.circle[0]), 1.0)
+                    mission = replace(start, steps=(*steps, *back))
                     motion = self.known.sailed(mission)
             except UNABLE:
                 continue
-            in_waters = free is None or clear(free, self.track(motion), ORIGIN)[0]
+            in_waters = free is None or shapely.LineString(motion.eta[:, :2]).within(free)
             if in_waters and mission.duration_s <= self.seconds:
-                chosen, own = (*so_far.chosen, (begins, number)), map(vars, mission.steps)
-                node = {**self.base, "steps": [*own], "start_pose": self.start, "candidates": []}
-                return Sailed(chosen, mission, motion, node, steps)
+                return Sailed((*so_far.chosen, (begins, number)), mission, motion, steps, end)
         return None
-
-    def track(self, motion: Recording) -> Array:
-        """The corners of a track (n, 2) [m]."""
-        return simplified(motion.eta[:, :2], DETAIL * self.family.length_m)
 
     def _join(self, path: tuple[Arc, ...], settle: float) -> list[HelmStep]:
         """A path as steps, with a time [L / U] on the last course."""
         return join_steps(path, *self.circle, settle * self.family.unit_s)
 
-    def _joins(self, steps: tuple[HelmStep, ...], motion: Recording) -> Iterator[list[HelmStep]]:
-        """No join, then the shortest ones to poses on a grid at which a motion is clear."""
+    def _joins(self, end: Array, motion: Recording) -> Iterator[list[HelmStep]]:
+        """No join, then paths, the shortest first, to where a motion is amid the widest water."""
         yield []
-        free: Any = self.waters and self.waters.free(STRAY * self.family.length_m)
-        if free is None or free.is_empty:
+        if self.waters is None:
             return
-        track, end, radius, found = self.track(motion), self.family.start, self.circle[0], []
-        if steps:
-            end = self.known.sailed(replace(self.family, steps=steps)).eta[-1]
-        south, west, north, east = free.bounds
-        grid = np.meshgrid(np.linspace(south, north, GRID), np.linspace(west, east, GRID))
-        points = np.stack(grid, axis=-1).reshape(-1, 2)
-        points = points[inside(free, points)]
-        for heading in 2.0 * np.pi * np.arange(HEADINGS) / HEADINGS:
-            turned = in_ned(track, heading)
-            for point in points[clear(free, turned, points)]:
-                last = np.array([*(point + turned[-1]), heading + motion.eta[-1, 2]])
-                there = dubins(end, np.array([*point, heading]), radius)
-                back = dubins(last, self.family.start, radius)
-                found.append((length_of(there) + length_of(back), there))
-        paths = [path for _, path in sorted(found, key=lambda each: each[0])]
-        tracks = (poses_at(end, path, radius, ALONG * length_of(path)) for path in paths)
-        possible = (path for path, poses in zip(paths, tracks, strict=True)
-                    if clear(free, poses[:, :2], ORIGIN)[0])  # fmt: skip
-        yield from (self._join(path, APPROACH) for path in islice(possible, PLACES))
+        widest = shapely.get_coordinates(shapely.maximum_inscribed_circle(self.waters.free()))[0]
+        middle = 0.5 * (np.min(motion.eta[:, :2], axis=0) + np.max(motion.eta[:, :2], axis=0))
+        paths = [
+            dubins(end, np.array([*(widest - in_ned(middle, heading)), heading]), self.circle[0])
+            for heading in 2.0 * np.pi * np.arange(HEADINGS) / HEADINGS
+        ]
+        yield from (self._join(path, APPROACH) for path in sorted(paths, key=length_of))
 
 
 class ForcePlanner(SequencePlanner):
     """A mix in which each of some candidates is sailed once, as its route is planned."""
 
-    def node(self, nodes: Mapping[str, Node]) -> dict[str, Any]:
-        """The excitation that sails candidates."""
-        route = {**self.base["route"], "start": self.start}
-        if self.waters is not None:
-            route |= vars(self.waters)
-        return {**self.base, "candidates": nodes, "design": "each", "held_out": [],
-                "variants": None, "route": route}  # fmt: skip
+    def variant(self, name: str, size: float, slowness: float) -> Any:
+        """The name of the candidate and the changes; None: a moment that is held has no time."""
+        own = self.family.candidates[name]
+        if hasattr(own, "yaw_moment_nm"):
+            changes = {"yaw_moment_nm": size * own.yaw_moment_nm}
+            return (name, changes) if slowness == 1.0 else None
+        amplitude = {dof: size * most for dof, most in own.amplitude.items()}
+        return name, {"amplitude": amplitude, "time_scale": slowness * own.time_scale}
 
-    @cached_property
-    def candidates(self) -> list[Candidate]:
-        """Those of the excitation at other sizes and speeds, as far as the vessel can sail them."""
-        trial, anywhere, found = self.known.trial, replace(self, waters=None), []
-        varied = (self.base["variants"][name] for name in ("size", "slowness"))
-        for (name, own), size, slow in product(self.base["candidates"].items(), *varied):
-            if "turn_deg" in own:
-                changes = {"yaw_moment_nm": size * own["yaw_moment_nm"]}
-                if slow != 1.0:
-                    continue
-            else:
-                amplitude = {dof: size * most for dof, most in own["amplitude"].items()}
-                changes = {"amplitude": amplitude, "time_scale": slow * own["time_scale"]}
-            node = {**own, **changes}
-            try:
-                design = build_as(OptimalDesign, anywhere.node({name: node}), "excitation")
-                design.check(trial.vessel.dofs)
-                design.check_limits(trial.vessel.limits_by_dof, trial.sample_time_s)
-                voyage = design.voyages[name]
-            except UNABLE:
-                continue
-            text = f"{name}, {100.0 * size:g} %{f', slower x {slow:g}' if slow != 1.0 else ''}"
-            motion = recording_of(voyage, voyage.weather)
-            found.append(Candidate(text, float(voyage.t[-1]), motion, node))
-        return found
+    def mission(self, own: Mapping[str, Any]) -> Any:
+        """The mix; raises ConfigurationError if there is no route."""
+        candidates = {text: replace(self.family.candidates[name], **changes)
+                      for text, (name, changes) in own.items()}  # fmt: skip
+        route = replace(self.family.route, **self._route)
+        return replace(self.family, candidates=candidates, route=route, **EACH)
+
+    @property
+    def _route(self) -> dict[str, Any]:
+        return {"start": self.start, **(vars(self.waters) if self.waters else {})}
+
+    def _own(self, numbers: Iterable[int]) -> dict[str, Any]:
+        chosen = [self.candidates[number] for number in numbers]
+        return {f"{i}: {each.name}": each.own for i, each in enumerate(chosen, 1)}
+
+    def node(self, sailed: Sailed) -> dict[str, Any]:
+        """The mix; of the vessel and the trial it has what they have."""
+        base: Any = self.known.trial.config["excitation"]
+        own = self._own(number for _, number in sailed.chosen)
+        candidates = {text: {**base["candidates"][name], **changes}
+                      for text, (name, changes) in own.items()}  # fmt: skip
+        route = {**base["route"], **self._route}
+        return {**base, "candidates": candidates, "route": route, **EACH, **OF_TRIAL}
 
     def added(self, so_far: Sailed, number: int) -> Sailed | None:
-        """The sequence with one candidate more; None if it does not fit."""
+        """The mix as it is planned anew."""
         numbers = [*(n for _, n in so_far.chosen), number]
-        chosen = [(i, self.candidates[n]) for i, n in enumerate(numbers, 1)]
-        node = self.node({f"{i}: {each.name}": each.own for i, each in chosen})
+        own = self._own(numbers)
         try:
-            mission = build_as(OptimalDesign, node, "excitation")
+            mission = self.mission(own)
             if mission.duration_s > self.seconds:
                 return None
             motion = self.known.sailed(mission)
@@ -407,20 +407,20 @@ class ForcePlanner(SequencePlanner):
         begins = {phase.name: mission.period_s * k
                   for phase, k in zip(schedule.phases, schedule.edges, strict=False)
                   if phase.role == "training"}  # fmt: skip
-        named = zip(node["candidates"], numbers, strict=True)
-        return Sailed(tuple((begins[name], n) for name, n in named), mission, motion, node)
+        chosen = tuple((begins[name], n) for name, n in zip(own, numbers, strict=True))
+        return Sailed(chosen, mission, motion)
 
 
 def planner_of(
     known: Known, waters: Waters | None, start: tuple[float, ...], seconds: float
-) -> SteeredPlanner | ForcePlanner:
+) -> SequencePlanner:
     """The candidates of the vessel of what is known."""
     kind = SteeredPlanner if isinstance(known.trial.excitation, HelmSequence) else ForcePlanner
     return kind(known, waters, start, seconds)
 
 
 def sequence(
-    purpose: Purpose, target: float, informations: Array, planner: SteeredPlanner | ForcePlanner
+    purpose: Purpose, target: float, informations: Array, planner: SequencePlanner
 ) -> tuple[Sailed, list[float]]:
     """Candidates added by what they save in a second, until the target is reached or none fits.
 

@@ -165,10 +165,10 @@ def test_two_hundred_candidates_are_ranked_in_30_seconds() -> None:
     trial = trial_of("kvlcc2", "noise")
     family = trial.excitation
     assert isinstance(family, HelmSequence)
-    shares = tuple(np.setdiff1d(np.linspace(-1.0, 1.0, 13), [0.0]).tolist())
-    grids = tuple(replace(grid, shares=shares) for grid in family.candidates)
+    size = tuple(np.setdiff1d(np.linspace(-1.0, 1.0, 13), [0.0]).tolist())
+    varied = replace(family, variants={"size": size, "slowness": (1.0, 2.0, 3.0)})
     begin = time.process_time()
-    known = nominal(replace(trial, excitation=replace(family, candidates=grids)), 0.2)
+    known = nominal(replace(trial, excitation=varied), 0.2)
     purpose = purpose_of(known, "tactical_diameter")
     candidates = planner_of(known, None, (0.0, 0.0, 0.0), 900.0).candidates
     told = np.array([known.information(each.motion) for each in candidates])
