@@ -36,14 +36,13 @@ ROOM = 0.2  # [L] beyond the nearest free approach, to keep away from what surro
 class Docking(Mission):
     """Docking in one of several harbours, drawn for each seed like the start.
 
-    `harbour` holds the texts of GeoJSON files by name. Passages are sailed at the shares `passage`
-    and `berthing` of the speeds ahead and across in `speed` [m/s, m/s, rad/s], with turns at the
-    third. `rests` are the times at the approach pose and in the berth, in units of the time
-    constant of the reference filter. A vessel is berthed when its errors stay within `within` [L]
-    and `within_deg`.
+    `harbour` names GeoJSON files, then holds their texts by name. Passages are sailed at the shares
+    `passage` and `berthing` of the speeds ahead and across in `speed` [m/s, m/s, rad/s], with turns
+    at the third. `rests` are the times at the approach pose and in the berth, in time constants of
+    the reference filter. A vessel is berthed when its errors stay within `within` [L], `within_deg`.
     """
 
-    harbour: dict[str, str]
+    harbour: str | tuple[str, ...] | dict[str, str]
     speed: Annotated[tuple[Positive, ...], FromVessel("tuning.control.mission.speed")]
     passage: Positive
     berthing: Positive
@@ -71,7 +70,7 @@ class Docking(Mission):
     @cached_property
     def harbours(self) -> dict[str, Harbour]:
         """The harbours by name."""
-        if not self.harbour:
+        if not isinstance(self.harbour, dict) or not self.harbour:
             raise ConfigurationError("harbour: got no name, expected at least one")
         found = {}
         for name, text in self.harbour.items():
@@ -113,6 +112,7 @@ class Docking(Mission):
     def drawn(self, rng: np.random.Generator) -> "Docking":
         """The docking in a harbour from a start; ConfigurationError with what is in the way."""
         self.check(self.vessel.dofs)
+        assert isinstance(self.harbour, dict)
         name = [*self.harbours][int(rng.integers(len(self.harbours)))]
         try:
             poses = self._setpoints(self.harbours[name], rng)
