@@ -39,7 +39,7 @@ class Docking(Mission):
     `harbour` names GeoJSON files, then holds their texts by name. Passages are sailed at the shares
     `passage` and `berthing` of the speeds ahead and across in `speed` [m/s, m/s, rad/s], with turns
     at the third. `rests` are the times at the approach pose and in the berth, in time constants of
-    the reference filter. A vessel is berthed when its errors stay within `within` [L], `within_deg`.
+    the reference filter. A vessel is berthed while its errors are in `within` [L], `within_deg`.
     """
 
     harbour: str | tuple[str, ...] | dict[str, str]

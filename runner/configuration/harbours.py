@@ -15,7 +15,6 @@ def with_harbours(node: object) -> object:
         texts = {str(name): harbour_file(name).read_text(encoding="utf-8") for name in names}
     except (OSError, ValueError, TypeError) as error:
         known = sorted(file.stem for file in HARBOURS.glob("*.geojson"))
-        raise ConfigurationError(
-            f"evaluation.harbour: {error}, expected some of {known} or GeoJSON files"
-        ) from error
+        what = f"got {names}, expected GeoJSON files or some of {known}: {error}"
+        raise ConfigurationError(f"evaluation.harbour: {what}") from error
     return {**node, "harbour": texts}
