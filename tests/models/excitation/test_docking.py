@@ -144,7 +144,7 @@ BAD = {
     "steered": (
         {}, ("vessel=kvlcc2", "excitation=heading_changes", "controller=autopilot"), "forces",
     ),
-    "option": ({}, ("evaluation.harbour=basn",), "expected some of"),
+    "option": ({}, ("evaluation.harbour=basn",), "or some of"),
     "role": ({"quay": ring([0.0, 0.0], [1.0, 0.0], [1.0, 1.0])}, (), "quay of 4 points"),
 }  # fmt: skip
 
