@@ -46,8 +46,8 @@ def objective_figure(results: Queries, sweep: int) -> Figure:
         for row in results.coefficients(condition).dropna(subset="true_value").itertuples()
         if row.model == "identified"
     }
-    chart, axes = panels(-(-len(runs) // 2), 2, 4.7, 3.9)
-    for panel, run in zip(axes, runs, strict=False):
+    chart, axes = panels(-(-len(runs) // 2), 2, 4.7, 3.9, count=len(runs))
+    for panel, run in zip(axes, runs, strict=True):
         own = stored[stored["run"] == run.id]
         first, second, z = (own[own["name"] == name] for name in names)
         labels = first["label"].iloc[0], second["label"].iloc[0]
@@ -56,10 +56,8 @@ def objective_figure(results: Queries, sweep: int) -> Figure:
         objective = configs[run.id]["identifier.objective"]
         panel.set_title(f"{run.levels['excitation']}, {objective}", loc="left")
         chart.colorbar(panel.collections[0], ax=panel, label="sum of the objectives", pad=0.02)
-    for panel in axes[len(runs) :]:
-        panel.remove()
     note = "colours: logarithmic, down to a ten-thousandth of the highest value"
-    return titled(chart, axes[: len(runs)], "Objective over two parameters", [note])
+    return titled(chart, axes, "Objective over two parameters", [note])
 
 
 def _objective_panel(

@@ -302,9 +302,10 @@ def _judged(results: Queries, figure: Printed, sweep: int | None) -> Judged:
     stored = _Stored(results, condition, [run for run in runs if run.status == FINISHED], figure)
     values, truths = stored.values()
     sample = np.array([figure.factor * value for value in values])
-    lost = len(runs) - len(sample)
+    trials = results.trials(condition, planned=True)  # those that never started are lost too
+    lost = len(trials) - len(sample)
     if not len(sample):
-        reason = f"none of {len(runs)} runs has this figure"
+        reason = f"none of {len(trials)} runs has this figure"
         return Judged(figure, "not reproduced", reason, lost=lost)
     value = float(np.median(sample) if figure.statistic == "median" else np.mean(sample))
     low, high = interval = interval_of_a_run(sample)
@@ -318,7 +319,7 @@ def _judged(results: Queries, figure: Printed, sweep: int | None) -> Judged:
     wide = _too_wide(figure, interval) and low <= (figure.printed or 0.0) <= high
     reasons = {
         "the interval is too wide for the printed figure": wide and verdict == "not reproduced",
-        f"{lost} of {len(runs)} runs lack it": judge() != verdict,
+        f"{lost} of {len(trials)} runs lack it": judge() != verdict,
         EXACT: verdict == "by construction" and exact,
         figure.note: True,
     }

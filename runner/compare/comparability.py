@@ -155,7 +155,7 @@ def pairs(
     A counterpart is equal in everything but the factors of the baseline, and in the seed if both
     depend on one. Where the baseline has several configurations, a counterpart is also equal in
     what they differ in. Each pair of experiments counts once, averaged within its seed; one
-    that depends on no seed belongs to every seed.
+    that depends on no seed belongs to every seed. A seed that lacks a level of others is left out.
 
     `frame` has distinct observations with a value, those of the baseline without a `cell` (-1), and
     `facts` describe their conditions; `baseline` has the level of each of its factors, and `named`
@@ -184,5 +184,9 @@ def pairs(
         own[fix].drop(columns="replicate").merge(other[~free_], on="key"),
     ]
     every = _on_every_seed(pd.concat(each), ["key", "condition"])
-    both = every.groupby(["cell", "replicate"], sort=False)[["value", "other"]].mean()
+    seeds = every.groupby(["cell", "key", "condition"]).size().groupby("cell").max()
+    grouped = every.groupby(["cell", "replicate"], sort=False)
+    both, size = grouped[["value", "other"]].mean(), grouped.size()
+    whole = size == size.groupby("cell").transform("max")
+    both = both[whole | (size.index.get_level_values("cell").map(seeds) == 1)]
     return both.reset_index(), known[["cell", "replicate"]].drop_duplicates()

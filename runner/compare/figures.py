@@ -84,8 +84,7 @@ def axes_of(rows: str | None, columns: str | None) -> tuple[str, str]:
     if rows is None:
         rows = "disturbance" if "identifier" in split([columns or ""]) else "identifier"
     if columns is None:
-        row_factors = split([rows])
-        columns = next((n for n in ("disturbance", "identifier") if n not in row_factors), "none")
+        columns = next((n for n in ("disturbance", "identifier") if n not in split([rows])), "none")
     return rows, columns
 
 

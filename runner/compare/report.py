@@ -14,13 +14,14 @@ from seatrial.runner.compare import page as pages
 from seatrial.runner.compare.cli import TableOptions
 from seatrial.runner.compare.comparability import TooDifferentError
 from seatrial.runner.compare.figures import PlotRequest, axes_of, drawings, figures
-from seatrial.runner.compare.frame import Queries, ordered
+from seatrial.runner.compare.frame import NOT_APPLICABLE, Queries, ordered
 from seatrial.runner.compare.grid import TextTable, grid_of, number_text, one_line, unit_text
 from seatrial.runner.compare.manoeuvre_comparison import newest_manoeuvres, sheet_of
 from seatrial.runner.compare.page import Section, code, folded, group, html_table, paragraph
 from seatrial.runner.compare.plots.selection import subtitle
 from seatrial.runner.compare.plots.style import drawn
 from seatrial.runner.compare.runs import run_table
+from seatrial.runner.compare.statistics import COUNTS, EQUAL
 from seatrial.runner.compare.table import comparison
 from seatrial.runner.configuration.invocation import DEFAULT_DATABASE, results_program
 from seatrial.runner.database.tables import RunRow as RunTable
@@ -35,6 +36,7 @@ TABLES = {
     "error_mae": False, "steady_state_error": False, "tau_mean_abs": False, "power_mean": False,
     "iaew": False,
 }  # fmt: skip
+REASONS = {why: column for why, column in COUNTS.items() if why != NOT_APPLICABLE}
 WORDS = {
     **{"dof": "axis", "run_id": "run", "started_at": "started", "duration_s": "duration [s]"},
     "below_true_model": "below the true model",
@@ -99,29 +101,35 @@ class _Report:
     def lead(self) -> Iterator[Markup]:
         """What the runs say, above all: the best rows, and how many there are and failed."""
         yield group("answer", pages.bullets(self.answers()))
-        counts = sorted(Counter(run.status for run in self.runs).items())
+        counts = sorted(
+            Counter(self.results.trials(self.condition, planned=True)["status"]).items()
+        )
         pills = Markup(" ").join(pages.status(name, f"{number} {name}") for name, number in counts)
-        plural = "s"[: len(self.runs) != 1]
-        yield Markup("<p>{} run{}: {}</p>").format(len(self.runs), plural, pills)
+        yield Markup("<p>Trials ({}): {}</p>").format(sum(n for _, n in counts), pills)
         only = f", only {self.options.where}" if self.options.where else ""
         yield paragraph(f"From {self.results.reader.address}{only}.", "small")
 
     def answers(self) -> Iterator[str]:
-        """Say which row is best under each condition, and by how much it beats the baseline."""
-        for record in self.found[self.first].as_records() if self.first else ():
+        """Say which row is best under each condition, by how much, and which lost trials."""
+        if not self.first:
+            return
+        table, label, lost = self.found[self.first], definition_of(self.first).label, list[str]()
+        other = {*table.headers, self.columns} - {self.rows, "unit", "metric"}
+        for record in table.as_records():
             value, ratio, pairs = (record.get(name) for name in ("mean", "ratio", "pairs"))
+            place = ", ".join(str(record[n]) for n in record if n in other) or "all runs"
+            if why := [f"{record[of]} {w}" for w, of in REASONS.items() if record.get(of)]:
+                lost.append(f"{place}: {record[self.rows]} is not compared: {', '.join(why)}.")
             if record["best"] and isinstance(value, float):
-                names = [*self.found[self.first].headers, self.columns]
-                other = [n for n in names if n not in (self.rows, "unit", "metric")]
-                place = ", ".join(str(record[name]) for name in other if name in record)
-                label = definition_of(self.first).label
                 size = f"{number_text(value, 3)} {unit_text(str(record['unit']))}".rstrip()
                 text = f"{record[self.rows]} has a {label[0].lower()}{label[1:]} of {size}"
                 if isinstance(ratio, float) and isinstance(pairs, int) and pairs:
-                    less = f"{number_text(1.0 / ratio, 2)} times" if 0.0 < ratio < 1.0 else "no"
+                    less = 0.0 < ratio < 1.0 - EQUAL
+                    told = f"{number_text(1.0 / ratio, 2)} times" if less else "no"
                     won = f"{record['wins']} of {pairs + int(record['lost_pairs'] or 0)}"
-                    text += f", {less} less than none, better in {won} pairs"
-                yield f"{place or 'all runs'}: {text}."
+                    text += f", {told} less than none, better in {won} pairs"
+                yield f"{place}: {text}."
+        yield from lost
 
     def result(self) -> list[Markup]:
         """What was compared and under which conditions; the first figure; the first table."""

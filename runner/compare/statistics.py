@@ -228,20 +228,38 @@ def pivot(frame: pd.DataFrame, rows: Key, columns: Key, metrics: Sequence[str] =
     return Pivot(rows, columns, cells, values, known, lost)
 
 
-def best_cells(table: Pivot, facts: pd.DataFrame, statistic: str) -> "pd.Series[bool]":
+def grouped(table: Pivot, facts: pd.DataFrame) -> pd.DataFrame:
+    """Return the `group` of each cell, and how many levels that others of it pool it is `lacking`.
+
+    The cells of a group differ in nothing but what is COMPARED, and in what they pool: `facts` that
+    have several levels in some cell, but the options of what a row or column names.
+    """
+    cells, factors = table.cells, (*table.rows, *table.columns)
+    apart = [k for k, factor in enumerate(factors) if not within(factor, (*COMPARED, "model"))]
+    members = table.known[["cell", "condition"]].drop_duplicates()
+    several = facts.loc[members["condition"]].groupby(members["cell"].to_numpy())
+    pooled = {name for name, own in several.nunique(dropna=False).gt(1).any().items() if own}
+    pooled -= {name for name in pooled if within(name, factors)}
+    fixed = [name for name in facts if name not in pooled and not within(name, COMPARED)]
+    groups = pd.DataFrame({"shared": cells["condition"].map(frames.codes(facts, fixed)).fillna(-1)})
+    groups["levels"] = [tuple(key[k] for k in apart) for key in cells["row"] + cells["column"]]
+    found = pd.DataFrame({"group": frames.codes(groups, [*groups])})
+    members["level"] = members["condition"].map(frames.codes(facts, sorted(pooled)))
+    members["group"] = members["cell"].map(found["group"])
+    held = members.groupby("cell")["level"].nunique().reindex(cells.index)
+    every = found["group"].map(members.groupby("group")["level"].nunique())
+    return found.assign(lacking=(every - held).fillna(0).astype(int))
+
+
+def best_cells(table: Pivot, groups: pd.DataFrame, statistic: str) -> "pd.Series[bool]":
     """Say which cells to set in bold: the best among those under equal conditions.
 
     Cells are compared by a statistic over the same seeds: those of the baseline, without one those
     that more than half of the cells have. A cell that lacks one of them is not best, nor is one
-    that lost a trial, because the others are the easier ones, nor one below the true model, which
-    does not fit the vessel. `facts` are those of the conditions.
+    that lost a trial or lacks a level, because the others are the easier ones, nor one below the
+    true model, which does not fit the vessel. `groups` are those of `grouped`.
     """
-    cells, factors = table.cells, (*table.rows, *table.columns)
-    apart = [k for k, factor in enumerate(factors) if not within(factor, (*COMPARED, "model"))]
-    shared = frames.codes(facts, [name for name in facts if not within(name, COMPARED)])
-    groups = pd.DataFrame({"shared": cells["condition"].map(shared).fillna(-1)})
-    groups["levels"] = [tuple(key[k] for k in apart) for key in cells["row"] + cells["column"]]
-    group = frames.codes(groups, [*groups])
+    cells, group = table.cells, groups["group"]
     values = table.values.join(cells[["is_baseline"]].assign(group=group), on="cell")
     drawn = values[values["replicate"] != EVERY_SEED]
     referred = drawn.loc[drawn["is_baseline"], "group"]
@@ -254,6 +272,7 @@ def best_cells(table: Pivot, facts: pd.DataFrame, statistic: str) -> "pd.Series[
     needed = group.map(seeds.groupby("group").size()).fillna(0.0)
     whole = cells["deterministic"] | (needed == values.groupby("cell").size().reindex(group.index))
     spoilt = cells["lost"] | (cells[[frames.BELOW_TRUE_MODEL, "uneven"]] > 0).any(axis=1)
+    spoilt |= groups["lacking"] > 0
     losses = summary(values, [statistic])[statistic].reindex(cells.index)
     definitions = [definition_of(metric) for metric in cells["metric"]]
     if "true_value" in cells:
@@ -285,7 +304,8 @@ def against_baseline(
     tests = {}
     for number in sorted(own["cell"].unique()):
         pair, of_baseline = of_cell.get(number, beside[:0]), known.get(number, set())
-        lost = lost_seeds.get(number, set()) - {*pair["replicate"]}
+        lost = lost_seeds.get(number, set())  # also those of which another pooled level has a value
+        pair = pair[~pair["replicate"].isin(lost)]
         lost &= lost if EVERY_SEED in of_baseline else of_baseline
         metric, stage = table.cells.loc[number, ["metric", "stage"]]
         definition = definition_of(metric)

@@ -178,7 +178,9 @@ class _Comparison:
         self.location = "median" if median else "mean"
         shown = [name for name in (*self.statistics, self.location) if name != "n"]
         cells = table.cells.join(stats.summary(table.values, shown))
-        self.cells = cells.assign(best=stats.best_cells(table, self.facts, self.location))
+        groups = stats.grouped(table, self.facts)
+        best = stats.best_cells(table, groups, self.location)
+        self.cells = cells.assign(best=best, lacking=groups["lacking"])
         first = table.values.groupby("cell")["value"].transform("first")
         same = table.values["cell"][~stats.equal(table.values["value"], first)]
         self.cells["all_equal"] = (cells["n"] > 1) & ~cells.index.isin(same)
@@ -299,6 +301,8 @@ class _Comparison:
         counts = [f"{n} {reason}" for reason, n in lacking.items() if n]
         if cell.uneven:
             counts.append(f"{cell.uneven} seed{'s'[: cell.uneven != 1]} without all levels")
+        if cell.lacking:
+            counts.append(f"{cell.lacking} level{'s'[: cell.lacking != 1]} lacking")
         if cell.experiments and ("n" in self.statistics or counts):
             number = "deterministic" if cell.deterministic else f"n={cell.n}"
             counts.insert(0, number + ", all equal" * bool(cell.all_equal))

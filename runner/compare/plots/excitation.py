@@ -118,8 +118,8 @@ def _drawing(
     diagnostics = results.diagnostics(names, of_run)
     subspace = diagnostics[diagnostics["name"] == SINGULAR].dropna(subset="value")
     wind = _wind(series, request.shown(lambda dof: f"wind_{dof}" in series.columns))
-    rows = len(excited) + -(-(len(wind) + (len(subspace) > 0)) // 2)
-    figure, axes = style.panels(rows, 2, 5.4, 2.3 if rows > 1 else 3.2)
+    shown = 2 * len(excited) + len(wind) + (len(subspace) > 0)
+    figure, axes = style.panels(-(-shown // 2), 2, 5.4, 2.3 if shown > 2 else 3.2, count=shown)
     panels = iter(axes)
     for signal in excited:
         _over_time(next(panels), series, signal)
@@ -137,8 +137,6 @@ def _drawing(
         label = with_unit("Singular value", subspace["unit"].iloc[0])
         panel.set(yscale="log", xlabel="Number", ylabel=label)
         panel.xaxis.set_major_locator(MaxNLocator(integer=True))
-    for spare in panels:
-        spare.remove()
     notes = ["shaded: training part"] if np.any(series.columns.get("train", 0.0)) else []
     idle = [
         f"constant: {s.name} {_amount(float(s.commanded[0]), s.unit)}" if s.peak or not s.dof
@@ -152,7 +150,7 @@ def _drawing(
         terms = "; ".join(" ~ ".join(label.split()) for label in own["label"])
         notes.append(f"{dof}, not separable: {terms}")
     name, title = f"excitation-run-{run.id}", f"Excitation, {selection.subtitle(run)}"
-    return style.drawing_of(name, figure, figure.axes, title, notes)
+    return style.drawing_of(name, figure, axes, title, notes)
 
 
 def _amount(value: float, unit: str) -> str:

@@ -40,9 +40,8 @@ def _drawing(results: Queries, request: PlotRequest, facet: Facet) -> style.Draw
     alike = [(a, b) for a, b in every if dofs[a] == dofs[b]] if len(dofs) > 3 else []
     pairs = (alike or every)[:MOST_PANELS]
     columns = min(len(pairs), ABREAST)
-    figure, axes = style.panels(-(-len(pairs) // columns), columns, max(3.8, 5.0 / columns), 3.9)
-    for spare in axes[len(pairs) :]:
-        spare.remove()
+    grid = -(-len(pairs) // columns), columns, max(3.8, 5.0 / columns), 3.9
+    figure, axes = style.panels(*grid, count=len(pairs))
     runs, groups, polished = [*points.groupby("run")], list[str](), False
     for run, own in runs:
         front, mine = own.pivot(index="i", columns="j", values="value"), frame[frame["run"] == run]
@@ -54,7 +53,7 @@ def _drawing(results: Queries, request: PlotRequest, facet: Facet) -> style.Draw
         groups += [group] if group not in groups else []
         i = groups.index(group)
         look: dict[str, Any] = {"color": style.colour_of(i), "label": group}
-        for panel, (x, y) in zip(axes, pairs, strict=False):
+        for panel, (x, y) in zip(axes, pairs, strict=True):
             marker = style.marker_of(i)
             panel.plot(front[x], front[y], marker, markersize=4, alpha=0.75, **look)
             panel.plot(chosen[x], chosen[y], marker="o", markersize=11, **RING)
@@ -65,13 +64,12 @@ def _drawing(results: Queries, request: PlotRequest, facet: Facet) -> style.Draw
     scales = log.map({True: "log", False: "linear"})
     rows = objectives.iterrows()
     named = {j: with_unit(row.label or f"objective {j}", row.unit) for j, row in rows}
-    for panel, (x, y) in zip(axes, pairs, strict=False):
+    for panel, (x, y) in zip(axes, pairs, strict=True):
         panel.set(xlabel=named[x], ylabel=named[y], xscale=scales[x], yscale=scales[y])
     seeds = "; one front for each run" if len(runs) > 1 else ""
     left_out = f"; {len(pairs)} of {len(every)} pairs" if len(pairs) < len(every) else ""
     made = "; diamond: what the polish made of it" if polished else ""
     notes = [f"circle: the chosen point{made}{seeds}{left_out}"]
-    axes = axes[: len(pairs)]
     return style.drawing_of(facet.file("pareto"), figure, axes, facet.title("Pareto set"), notes)
 
 

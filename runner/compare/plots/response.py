@@ -12,13 +12,13 @@ import numpy as np
 from matplotlib.axes import Axes
 
 from seatrial.runner.compare.figures import Figure, PlotRequest, split
-from seatrial.runner.compare.frame import FINISHED, Queries, StoredRun, ordered, stored_runs
+from seatrial.runner.compare.frame import FINISHED, LABELS, Queries, StoredRun, ordered, stored_runs
 from seatrial.runner.compare.grid import with_unit
 from seatrial.runner.compare.plots import selection, style
 from seatrial.runner.compare.plots.excitation import commanded_signals
 from seatrial.runner.compare.statistics import Sample
 from seatrial.runner.record.rows import Series
-from seatrial.runner.record.vocabulary import DOFS, GROUPS, POSES
+from seatrial.runner.record.vocabulary import DOFS, POSES
 
 FIGURE = Figure(
     "response",
@@ -30,7 +30,6 @@ FIGURE = Figure(
 NAMES = dict(zip(DOFS, ("North", "East", "Down", "Roll", "Pitch", "Heading"), strict=True))
 POSE_OF = dict(zip(DOFS, POSES, strict=True))
 COLOURS = style.MODEL_COLOURS | {"adaptive": style.PALETTE[3]}
-SHARED_CHOICES = (*GROUPS, "seed")
 DIFFERENT_SHARE = 0.01  # share of samples in which equal signals may differ
 NOTE = (
     "positions in north and east, forces in the vessel's axes; dashed: set-point; "
@@ -69,7 +68,7 @@ def _of_levels(
     deployed = [r for r in facet.runs if r.status == FINISHED and kind in stored.get(r.id, ())]
     if not deployed:
         return None
-    fixed = [name for name in SHARED_CHOICES if name not in split([request.rows])]
+    fixed = [name for name in LABELS if name not in split([request.rows])]
     last, newest, lost = deployed[-1], dict[str, StoredRun](), dict[str, str]()
     for run in stored_runs(facet.trials):
         if all(run.levels[name] == last.levels[name] for name in fixed):

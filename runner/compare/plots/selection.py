@@ -189,10 +189,8 @@ def in_plane(
     """Raise ConfigurationError if a voyage of a run has no track in the plane."""
     for series in series_of.values():
         for name in (name for name in names if name not in series.columns):
-            raise ConfigurationError(
-                f"{what}: run {run.id} has no {name} in its series {series.kind}; it needs a vessel"
-                " that moves in the plane"
-            )
+            got = f"run {run.id} has no {name} in its series {series.kind}"
+            raise ConfigurationError(f"{what}: {got}, expected a vessel that moves in the plane")
 
 
 def distinct(

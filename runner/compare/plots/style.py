@@ -132,14 +132,15 @@ def drawn(axes: Axes | None = None, width_mm: float | None = None) -> Iterator[N
 
 
 def panels(
-    rows: int, columns: int, width: float, height: float, share_x: bool = False
-) -> tuple[Figure, list[Axes]]:
+    rows: int, columns: int, width: float, height: float, share_x: bool = False,
+    count: int | None = None,
+) -> tuple[Figure, list[Axes]]:  # fmt: skip
     """Return a figure of rows x columns axes, each width x height [inch], and its axes by row.
 
-    With `share_x` all axes have the same range of x. In print the width is that of the paper; texts
-    do not shrink with it, so the height hardly does, and panels that are too narrow stand below
-    each other. One panel is drawn into the axes of the caller, if there are any; several raise
-    ConfigurationError there.
+    There are all or the first `count`. With `share_x` all have the same range of x. In print the
+    width is that of the paper; texts do not shrink with it, so the height hardly does, and panels
+    that are too narrow stand below each other. One panel is drawn into the axes of the caller, if
+    there are any; several raise ConfigurationError there.
     """
     canvas, abreast = _CANVAS.get(), columns
     if canvas.axes is not None:
@@ -155,7 +156,7 @@ def panels(
     size = abreast * width, rows * bands * height
     chart = Chart(figsize=size, layout="constrained")
     grid = chart.subplots(rows * bands, abreast, squeeze=False, sharex="all" if share_x else "none")
-    places = [(row, column) for row in range(rows) for column in range(columns)]
+    places = [(row, column) for row in range(rows) for column in range(columns)][:count]
     axes = [grid[column // abreast * rows + row, column % abreast] for row, column in places]
     for spare in {*grid.flat} - {*axes}:
         spare.remove()

@@ -145,6 +145,36 @@ def test_seeds_that_lack_a_pooled_level_are_said(logbook: LogbookWriter, results
     assert best(grid) == {"plsr"}
 
 
+def test_who_lacks_a_pooled_level_is_not_best(logbook: LogbookWriter, results: Queries) -> None:
+    """Whether it is the hard one or the easy one; a cell says how many it lacks."""
+    errors = {"none": (1.0, 3.0), "plsr": (0.8, 2.4), "ls": (0.9, None), "iv": (None, 2.0)}
+    for (identifier, levels), seed in product(errors.items(), SEEDS):
+        for disturbance, error in zip(("wind", "noise"), levels, strict=True):
+            if error is not None:
+                begin = stored.start(identifier, disturbance, seed)
+                stored.finish(logbook, begin, [stored.tracking(error)], drawn=["noise"])
+    for baseline in (["identifier=none"], ["identifier=ls"], None):
+        grid = table(results, columns="none", pool=["disturbance"], baseline=baseline)
+        assert best(grid) == {"plsr"}
+        assert "1 level lacking" in {row[0].text: row[1].text for row in grid.rows}["ls"]
+
+
+def test_a_seed_of_which_a_pooled_level_was_lost_is_no_pair(
+    logbook: LogbookWriter, results: Queries
+) -> None:
+    for identifier, controller, seed in product(("none", "ls"), ("pid", "lqi"), SEEDS):
+        begin = stored.start(identifier, "noise", seed, controller=controller)
+        if identifier == "ls" and controller == "lqi" and seed < 2:
+            stored.fail(logbook, begin)
+        else:
+            value = (1.0 if identifier == "none" else 0.9) + seed
+            stored.finish(logbook, begin, [stored.tracking(value)], drawn=["noise"])
+    grid = table(results, columns="none", pool=["controller"], baseline=["identifier=none"])
+    own = record_of(grid, identifier="ls")
+    assert (own["n"], own["pairs"], own["lost_pairs"], own["wins"]) == (4, 4, 2, 4)
+    assert own["p_value"] != own["p_value"]  # nan: too few
+
+
 def test_levels_with_a_seed_each_are_replicates(logbook: LogbookWriter, results: Queries) -> None:
     for seed in SEEDS:  # such as a design that is drawn by the seed
         begin = stored.start("ls", "noise", seed, config={"plant": {"scale": 0.1 * seed}})

@@ -63,7 +63,7 @@ def test_report_of_a_sweep_holds_its_runs_alone(program: Program, page: Path) ->
     assert code == 0
     text = Path(out.strip()).read_text(encoding="utf-8")
     assert "Sea trials, sweep 1" in text
-    assert "1 run:" in text
+    assert "Trials (1):" in text
     assert "singular matrix" not in text
     for words in (("--sweep", "7"), ("--where", "seed>99")):
         code, _, err = program("report", *database(folder), *words)
