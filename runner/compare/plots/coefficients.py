@@ -14,7 +14,7 @@ from matplotlib.axes import Axes
 
 from seatrial.runner.compare.comparability import with_conditions
 from seatrial.runner.compare.figures import Figure, PlotRequest
-from seatrial.runner.compare.frame import Queries, observations, ordered
+from seatrial.runner.compare.frame import FINISHED, Queries, observations, ordered
 from seatrial.runner.compare.grid import number_text, unit_text
 from seatrial.runner.compare.plots import style
 from seatrial.runner.compare.plots.selection import Facet, per_facet
@@ -77,6 +77,11 @@ def _drawing(results: Queries, request: PlotRequest, facet: Facet) -> style.Draw
     if zero:
         named = ", ".join(zero) if len(zero) <= MOST_NAMED else f"{len(zero)} terms"
         notes.append(f"not shown, as the true value is zero: {named}")
+    if request.rows in facet.trials:
+        gone = results.trials(facet.condition, [request.rows], planned=True)
+        gone = gone.loc[gone["status"] != FINISHED, request.rows].value_counts(sort=False)
+        lost = ", ".join(f"{count} of {level}" for level, count in gone.items() if count)
+        notes += [f"trials that were lost: {lost}"] if lost else []
     title = facet.title(f"Coefficients of the {request.model} model")
     return style.drawing_of(facet.file("coefficients"), figure, axes, title, notes)
 

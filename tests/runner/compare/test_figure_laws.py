@@ -40,6 +40,17 @@ def test_a_figure_has_one_vessel(
     assert ["supply_vessel" in title for title in titles] == [False, True]
 
 
+def test_coefficients_name_the_trials_that_were_lost(
+    logbook: LogbookWriter, results: Queries
+) -> None:
+    found = [stored.coefficient("u_dot", 1000.0, 5.0, 1000.0)]
+    stored.finish(logbook, stored.start("ls"), coefficients=found)
+    for seed in range(3):
+        stored.fail(logbook, stored.start("plsr", seed=seed))
+    (drawing,) = drawings("coefficients", results)
+    assert "trials that were lost: 3 of plsr" in notes(drawing.figure)
+
+
 @pytest.mark.parametrize("polished", [False, True])
 def test_a_front_shows_the_deployed_model_where_a_polish_has_moved_it(
     logbook: LogbookWriter, results: Queries, polished: bool
