@@ -95,6 +95,7 @@ def _files(results: Queries, database: str, opened: int) -> Iterator[tuple[str, 
     yield "data/runs.js", script_of("runs", _runs(results, runs, whole, database))
     for run in whole:
         drawn, trouble = figures_of(results, run.id)
+        trouble += [] if drawn or trouble else [f"{subtitle(run)}: {run.status}, without series"]
         content = {"label": subtitle(run), "figures": drawn, "trouble": trouble}
         yield f"data/run-{run.id}.js", script_of(f"run-{run.id}", content)
         yield f"run-{run.id}.html", _run_page(results, run, trouble, links, database)
@@ -128,8 +129,7 @@ def _run_page(
     show = [*results_program().split(), "show", str(run.id), *words_of(database)]
     overlay = {f"{RUNS}#runs={run.id}": "Overlay with other runs"}
     title, lead = f"R{subtitle(run)[1:]}", [code(" ".join(show))]
-    scripts = [f"data/run-{run.id}.js"]
-    return page(title, lead, sections, {**links, **overlay}, scripts, PROGRAMS)
+    return page(title, lead, sections, {**links, **overlay}, [f"data/run-{run.id}.js"], PROGRAMS)
 
 
 def _runs(

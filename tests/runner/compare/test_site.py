@@ -176,6 +176,8 @@ def test_a_failure_is_told_with_its_traceback(offline: Any, site: Path) -> None:
     offline.find_elements("css selector", "#failures summary")[0].click()
     body = offline.find_element("css selector", "#failures pre").text
     assert body == "Traceback: here\nValueError"
+    told = [file.read_text() for file in (site.parent / "data").glob("run-*.js")]  # for overlays
+    assert any("failed, without series" in text for text in told)
 
 
 @pytest.mark.slow
