@@ -11,6 +11,7 @@ import pytest
 from docs.refresh import BLOCK, DOCUMENTS, ROOT, output
 from docs.vessels import parameters_of, table, vessels
 from seatrial.models.vessel.tuning import Tuning
+from tests.audit.test_recomputed import agrees
 from tests.runner.programs import completed
 
 NUMBER = re.compile(r"-?\d+(?:\.\d+)?(?:e[-+]?\d+)?")
@@ -59,3 +60,4 @@ def test_tables_are_those_of_the_demo(tmp_path: Path) -> None:
         assert NUMBER.sub("#", now).split() == NUMBER.sub("#", shown).split()
         values = [float(x) for x in NUMBER.findall(now)]
         assert values == pytest.approx([float(x) for x in NUMBER.findall(shown)], rel=1e-3)
+    agrees(tmp_path, len(tables))  # and every cell follows from the raw rows
