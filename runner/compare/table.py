@@ -267,7 +267,7 @@ class _Comparison:
         statuses = self.trials["status"]
         unfinished = sorted(Counter(statuses[statuses != frames.FINISHED]).items())
         if counts := ", ".join(f"{n} {status}" for status, n in unfinished):
-            notes.append(f"not included: {counts} (see: runs --status failed)")
+            notes.append(f"not included: {counts} (see: runs)")
         return notes
 
     def _records(self) -> list[dict[str, Scalar]]:
