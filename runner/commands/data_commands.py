@@ -51,6 +51,16 @@ from seatrial.runner.sweeps import in_process
 if TYPE_CHECKING:  # slow to import
     from matplotlib.figure import Figure
 
+MOST_OUTLIERS = 0.02  # share of the samples of a velocity
+MOST_MISSING = 0.01  # share of the duration of a source in gaps
+SAMPLING = ("source", "rows", "duration [s]", "rate [Hz]", "gaps", "longest [s]", "at [s]",
+            "missing", "repeated times")  # fmt: skip
+RANGES = ("signal", "unit", "least", "most", "deviation", "noise", "outliers")
+COLUMNS = ("quantity", "column", "unit", "known from")
+AXES = ("axis", "correlation", "scale", "excited")
+
+Report = tuple[list[str], list[TextTable], Examination | None]  # lines, tables, what is drawn
+
 app = typer.Typer(
     name="seatrial data", no_args_is_help=True, pretty_exceptions_enable=False,
     add_completion=False, help="Examine and convert recordings, and propose maps of their columns.",
@@ -195,18 +205,6 @@ def write_recording(recording: Recording, path: Path, metadata: dict[str, object
             part.replace(path)
     except OSError as error:
         raise RecordingError(f"{path}: cannot be written ({error.strerror or error})") from error
-
-
-MOST_OUTLIERS = 0.02  # share of the samples of a velocity
-MOST_MISSING = 0.01  # share of the duration of a source in gaps
-SAMPLING = ("source", "rows", "duration [s]", "rate [Hz]", "gaps", "longest [s]", "at [s]",
-            "missing", "repeated times")  # fmt: skip
-RANGES = ("signal", "unit", "least", "most", "deviation", "noise", "outliers")
-COLUMNS = ("quantity", "column", "unit", "known from")
-AXES = ("axis", "correlation", "scale", "excited")
-
-
-Report = tuple[list[str], list[TextTable], Examination | None]  # lines, tables, what is drawn
 
 
 def report(file: RecordedFile) -> Report:

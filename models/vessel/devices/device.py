@@ -31,6 +31,9 @@ WAKE = 2  # numbers that a device leaves for those behind it
 MAX_DEVICES = 8  # devices of a vessel
 DEVICES: dict[type, Callable[..., None]] = {}
 Structure: TypeAlias = Any  # the named tuple that a device's step is registered for
+SLACK = 0.01  # of a range, that noise may exceed
+PER_MINUTE = 60.0
+SMALL, PLAUSIBLE = 0.05, 1.5  # parts of the largest J of a propeller
 
 
 class Bounds(NamedTuple):
@@ -227,11 +230,6 @@ def device_forces(devices: Installed, x: Array) -> Array:
 def input_index(name: str) -> int:
     """Position of an input among the variables."""
     return INDEX[name]
-
-
-SLACK = 0.01  # of a range, that noise may exceed
-PER_MINUTE = 60.0
-SMALL, PLAUSIBLE = 0.05, 1.5  # parts of the largest J of a propeller
 
 
 class Excess(NamedTuple):
