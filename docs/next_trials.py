@@ -61,7 +61,8 @@ TASKS = {  # vessel: purpose, target [%]
 ARMS = ("next", "D-optimal", "IMO")
 DOUBT, MOST = 0.2, 8
 WINDAGE_SI = 10.0  # deviation of the coefficients of windage [N s^2/m^2, Nm s^2/m^2]
-STAGES = tuple((share, Effort(2, 8, 1e-4)) for share in (0.1, 0.3, 1.0))  # of the restart length
+SHARES = (0.1, 0.3, 1.0)  # of the restart length
+EFFORT = Effort(2, 8, 1e-4)
 State = tuple[Array, Array]  # u (m,) and its information (m, m)
 
 
@@ -103,21 +104,19 @@ class Estimator:
         self.fit: Fit | None = None
 
     def runs(self, data: Recording, segment_s: float) -> FreeRuns:
-        """Free runs of a recording; shafts have jumped at the beginning of a sample."""
-        predictor = segments(data, self.free, self.lag, None, segment_s)
-        if data.inputs is not None and "delta" not in data.input_names:
-            after = np.vstack([data.inputs[1:], data.inputs[-1:]])
-            acting = np.repeat(after[:, None], 3, axis=1)
-            predictor = replace(predictor, course=predictor.course._replace(acting=acting))
-        return FreeRuns(predictor, self.deviation)
+        """Free runs of a recording."""
+        return FreeRuns(segments(data, self.free, self.lag, None, segment_s), self.deviation)
 
     def updated(self, data: Recording) -> State:
         """The distribution after one recording more."""
         self.data.append(data)
         whole, model = end_to_end(self.data), self.free.nominal
         length_s, size = restart_length(model, whole), self.deviation
-        stages = (Stage(self.runs(whole, share * length_s), effort) for share, effort in STAGES)
-        fit = self.fit = grown(stages, self.change, np.zeros_like(size), size, None)
+
+        def stage(share: float, last: bool) -> Stage:
+            return Stage(self.runs(whole, share * length_s), EFFORT)
+
+        fit = self.fit = grown(SHARES, stage, self.change, np.zeros_like(size), size, None)
         self.change, count = fit.change, len(size) + len(fit.runs.begin) * len(model.dofs)
         scaled = parameter_covariance(
             fit.jacobian * size, fit.rest, np.ones(len(size)), fit.tau, count, None

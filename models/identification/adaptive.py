@@ -116,7 +116,7 @@ class Adapter:
         past = Log(*(values[:k] for values in log))
         weather = Weather(*(values[:k] for values in self.weather))
         t = self.period_s * np.arange(k, dtype=np.float64)
-        voyage = Voyage(t, past, self.dofs, weather, self.thruster is None)
+        voyage = Voyage(t, past, self.dofs, weather, self.dofs if self.thruster is None else ())
         return recording_of(voyage, weather).with_thruster(self.thruster)
 
     def _trigger(self, log: Log, recording: Recording, window: int) -> float:

@@ -186,11 +186,11 @@ def finished(
     change, broken = model.nearest(result.residual.on(terms).theta)
     if options.refinement == "none" and not broken:
         return result
-    errors, spread = result.std_error, result.spread
+    errors, spread, notes = result.std_error, result.spread, result.notes
     rows = [terms.index(term) for term in result.residual.terms]
     if options.refinement == "free_run":
         refined = refined_by_segments(options, training, lag, model, change, 1.0)
-        change, broken = refined.change, refined.active
+        change, broken, notes = refined.change, refined.active, (*notes, *refined.notes)
         if not problem.compared:
             errors = free.std_error(refined.covariance)[rows]
             spread = refined.spread(problem.nominal)
@@ -206,5 +206,5 @@ def finished(
     active = (Diagnostic("active_constraint", "all", 1.0, label=name) for name in broken)
     return replace(
         result, model=problem.nominal + residual, residual=residual, std_error=errors,
-        diagnostics=(*result.diagnostics, *active), spread=spread,
+        diagnostics=(*result.diagnostics, *active), notes=notes, spread=spread,
     )  # fmt: skip

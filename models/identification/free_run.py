@@ -131,12 +131,16 @@ def held_force(recording: Recording, thruster: SecondOrderLag | None, kind: str 
     For a steered vessel these are the inputs, (N, 3, n_inputs). By default (`kind` None) it is the
     command filtered by the thruster lag if that is known, else the command if the thrusters are
     known to have no lag, else the recorded acting force, else the command. An acting force is
-    constant after the last sample.
+    constant after the last sample. An input that follows its command immediately is recorded before
+    it does, and then has its next value throughout the sample.
     """
-    if thruster is None and recording.without_lag and kind is None:
+    if thruster is None and recording.immediate and kind is None:
         kind = "commanded"
     if recording.inputs is not None:
-        return held(recording.inputs, following(recording.inputs))
+        inputs = held(recording.inputs, following(recording.inputs))
+        jumps = np.isin(recording.input_names, recording.immediate)
+        inputs[..., jumps] = inputs[:, 2:, jumps]
+        return inputs
     force = recording.held_force(kind)
     if thruster is not None and recording.force(kind) is recording.tau_filtered:
         start, end = force[:, 0], force[:, 2]

@@ -12,18 +12,21 @@ Initial states are estimated, since starting at measured or smoothed velocities 
 by one to two percent, and projected out of the Jacobian (QR), Golub and Pereyra (1973). The steps
 are those of Gauss and Newton with Levenberg's damping, each a quadratic program with the bounds
 and the physical constraints. A long free run from a poor model has minima far from the true
-parameters, a short one has few: so short predictions are fitted first.
+parameters, a short one has few: so short predictions are fitted first, and grow for as long as the
+shorter ones hold. Where a small error of the state decides a long run, as under a constant force,
+its minima say nothing of the model.
 """
 
-from collections.abc import Iterable, Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
-from typing import NamedTuple
+from typing import NamedTuple, TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
 
 from seatrial.models.errors import IdentificationError
+from seatrial.models.identification.cross_validation import FAR, NEGLIGIBLE_ERROR
 from seatrial.models.identification.free_parameters import FreeParameters
 from seatrial.models.identification.free_run import predicted_layout
 from seatrial.models.identification.physical_constraints import PhysicalConstraints, solve
@@ -63,6 +66,7 @@ class Effort(NamedTuple):
     enough: float  # relative decrease of the cost below which the steps end
 
 
+Length = TypeVar("Length")  # of predictions, in samples or seconds
 QUICK, USUAL = Effort(1, 5, 1e-4), Effort(3, 5, 1e-4)
 
 
@@ -90,6 +94,12 @@ class FreeRuns:
         self.begin = np.flatnonzero(predictor.course.restart)
         self.evaluations = 0
         self._latest: tuple[Point, tuple[Array, Array]] | None = None
+
+    @property
+    def seconds(self) -> float:
+        """Length [s] of the longest prediction."""
+        course = self.predictor.course
+        return course.step_s * float(np.max(np.diff(self.begin, append=len(course.restart))))
 
     def point(self, change: Array, start: Array) -> Point:
         """The residuals at a change (m,) of the nominal parameters and at initial states."""
@@ -180,7 +190,18 @@ class Fit:
     tau: float  # samples that say as much as one independent sample
     deviation: Array  # (m,) of the prior, infinite where there is none
     slow_share: float  # see `Stage`
-    before: int = 0  # evaluations with shorter predictions
+    before: int = 0  # evaluations with predictions of other lengths
+    lost: float | None = None  # [s] longer predictions, whose fit lost the shorter ones
+
+    @property
+    def notes(self) -> tuple[str, ...]:
+        """What is to be said of the length of the predictions."""
+        if self.lost is None:
+            return ()
+        return (
+            f"fitted to free runs of {self.runs.seconds:.3g} s: a fit to {self.lost:.3g} s loses "
+            "the shorter ones",
+        )
 
     @property
     def change(self) -> Array:
@@ -237,20 +258,44 @@ class Fit:
 
 
 def grown(
-    stages: Iterable[Stage], change: Array, other: Array, deviation: Array, constraints:
-    PhysicalConstraints | None,
+    lengths: Sequence[Length], stage: Callable[[Length, bool], Stage], change: Array, other: Array,
+    deviation: Array, constraints: PhysicalConstraints | None,
 ) -> Fit:  # fmt: skip
-    """Fit the stages in turn, each from the last one, or from `other` if that predicts better.
+    """Fit predictions of growing lengths, each from the last fit, or from `other` if it is better.
 
-    `change` and `other` are feasible changes (m,) of the nominal parameters, `deviation` (m,) that
-    of the prior, infinite where there is none.
+    It ends before a length whose fit is `_lost`. `stage` gives the one of
+    a length, the last one or not; `change` and `other` are feasible changes (m,) of the nominal
+    parameters, `deviation` (m,) that of the prior, infinite where there is none.
     """
     before, result = 0, None
-    for stage in stages:
-        result = replace(fit(stage, [change, other], deviation, constraints), before=before)
-        change, before = result.change, result.evaluations
+    for i, length in enumerate(lengths):
+        last = stage(length, i == len(lengths) - 1)
+        longer = replace(fit(last, [change, other], deviation, constraints), before=before)
+        change, before = longer.change, longer.evaluations
+        if result is not None and _lost(longer, result):
+            kept = stage(lengths[i - 1], True)
+            longer = fit(kept, [result.change, other], deviation, constraints)
+            return replace(longer, before=before, lost=last.runs.seconds)
+        result = longer
     assert result is not None
     return result
+
+
+def _lost(longer: Fit, shorter: Fit) -> bool:
+    """Whether a fit of longer predictions worsens the shorter ones by more than it betters its own.
+
+    By many times, too. The shorter ones begin at the states of their fit, its own at measured ones.
+    """
+
+    def error(runs: Fit, start: Array, of: Fit) -> float:
+        return _squares(runs.runs.point(of.change, start).rest / runs.scale)
+
+    own, measured = shorter.point, np.zeros_like(longer.point.start)
+    before, after = _squares(own.rest / shorter.scale), error(shorter, own.start, longer)
+    spread = np.broadcast_to(shorter.runs.predictor.compared.spread, own.rest.shape)
+    if after <= max(FAR * before, NEGLIGIBLE_ERROR * _squares(spread / shorter.scale)):
+        return False
+    return after * error(longer, measured, longer) > before * error(longer, measured, shorter)
 
 
 def fit(
@@ -329,12 +374,12 @@ def refined_by_segments(
     deviation = prior * model.size
     whole_s = options.segment_s or restart_length(model.free.nominal, recording)
 
-    def stages() -> Iterable[Stage]:
-        for length_s, effort in ((FIRST_LENGTH * whole_s, QUICK), (whole_s, USUAL)):
-            predictor = segments(recording, model.free, lag, options.force, length_s)
-            yield Stage(FreeRuns(predictor, deviation), effort)
+    def stage(length_s: float, last: bool) -> Stage:
+        predictor = segments(recording, model.free, lag, options.force, length_s)
+        return Stage(FreeRuns(predictor, deviation), USUAL if last else QUICK)
 
-    return grown(stages(), change, np.zeros_like(change), deviation, model.constraints)
+    lengths = FIRST_LENGTH * whole_s, whole_s
+    return grown(lengths, stage, change, np.zeros_like(change), deviation, model.constraints)
 
 
 def segments(

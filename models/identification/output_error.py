@@ -8,7 +8,6 @@ those of `nsga2`, Hoyer (2021), section 6.1, the fit is `free_run_fit`, with hor
 length, each from the last one.
 """
 
-from collections.abc import Iterator
 from dataclasses import dataclass
 from itertools import pairwise
 from typing import Literal
@@ -96,23 +95,21 @@ def fit_through(
     deviation, constraints = options.prior_of(free, training), options.constraints(free, training)
     longest = options.horizon or len(training)
 
-    def stages() -> Iterator[Stage]:
-        for horizon in [*(h for h in horizons if h < longest), None]:
-            predictor = options.predictor(problem, horizon)
-            own = None
-            if initial_state == "smoothed":
-                own = smoothed_starts(predictor.course, training.piece_starts)
-            estimated = range(len(predictor.spread)) if initial_state == "estimated" else ()
-            runs = FreeRuns(predictor, constraints.scale, estimated)
-            scale = predictor.compared.scale
-            if horizon is None:
-                yield Stage(runs, FINE, scale, own, SLOW_SHARE)
-            else:
-                yield Stage(runs, ROUGH, predictor.spread if scale is None else scale, own)
+    def stage(horizon: int | None, last: bool) -> Stage:
+        predictor = options.predictor(problem, horizon)
+        own = None
+        if initial_state == "smoothed":
+            own = smoothed_starts(predictor.course, training.piece_starts)
+        estimated = range(len(predictor.spread)) if initial_state == "estimated" else ()
+        runs, scale = FreeRuns(predictor, constraints.scale, estimated), predictor.compared.scale
+        if last:
+            return Stage(runs, FINE, scale, own, SLOW_SHARE)
+        return Stage(runs, ROUGH, predictor.spread if scale is None else scale, own)
 
     first = np.zeros(len(free)) if point is None else point - free.values
     first = feasible(first, constraints)
-    return grown(stages(), first, first, deviation, constraints)
+    lengths = [*(h for h in horizons if h < longest), None]
+    return grown(lengths, stage, first, first, deviation, constraints)
 
 
 def smoothed_starts(course: Course, pieces: Flags) -> Array:
@@ -155,7 +152,7 @@ def model_of(options: PredictionOptions, problem: Problem, result: Fit) -> Ident
     return Identified(
         free.model(problem.nominal, point), free.residual(point), free.std_error(covariance),
         tuple(diagnostics), device_errors=free.device_errors(np.sqrt(np.diag(covariance))),
-        spread=result.spread(problem.nominal),
+        spread=result.spread(problem.nominal), notes=result.notes,
     )  # fmt: skip
 
 

@@ -100,17 +100,19 @@ class Robust(ResidualOptions):
         model = Structure(free, samples, training.nu, self.inertia_factor)
         change, active = model.regress(self.prior)
         diagnostics += (Diagnostic("smoothing", "all", self.smoothing(training).signals_hz, "Hz"),)
-        errors, spread = None, None
+        errors, spread, notes = None, None, tuple[str, ...]()
         if self.refinement == "free_run":
             refined = refined_by_segments(self, training, lag, model, change, self.prior)
-            change, active = refined.change, refined.active
+            change, active, notes = refined.change, refined.active, refined.notes
             if not problem.compared:
                 errors, spread = free.std_error(refined.covariance), refined.spread(problem.nominal)
             diagnostics += (Diagnostic("evaluations", "all", float(refined.evaluations)),)
         residual = free.residual(free.values + change)
         active_rows = (Diagnostic("active_constraint", "all", 1.0, label=name) for name in active)
         diagnostics += (*active_rows, *(Diagnostic("not_excited", dof, 1.0) for dof in unexcited))
-        return Identified(problem.nominal + residual, residual, errors, diagnostics, spread=spread)
+        return Identified(
+            problem.nominal + residual, residual, errors, diagnostics, notes=notes, spread=spread
+        )
 
     def free(
         self, nominal: Vessel, kept: Sequence[str] = (), windy: bool = False

@@ -65,15 +65,15 @@ class Voyage:
     """A simulated voyage: time [s], shape (N,), its log and its weather.
 
     `step_times` [s] are wall-clock times of one iteration of the loop: for every instant if the
-    controller runs in Python, else means over blocks of the compiled loop. `without_lag` is true
-    for a vessel whose thrusters follow the command immediately.
+    controller runs in Python, else means over blocks of the compiled loop. `immediate`
+    are the axes or inputs that follow their command at once.
     """
 
     t: Array
     log: Log
     dofs: tuple[str, ...]
     weather: Weather
-    without_lag: bool
+    immediate: tuple[str, ...] = ()
     step_times: Array = field(default_factory=lambda: np.zeros(0))
     inputs: tuple[str, ...] = ()  # of the vessel; empty: it is commanded by forces on the axes
     allocation: DeviceAllocation | None = None  # of commanded forces to the inputs
@@ -104,7 +104,7 @@ def recording_of(voyage: Voyage, weather: Weather) -> Recording:
         tau=np.zeros_like(log.nu) if voyage.inputs else log.applied,
         attitude=attitude_of(voyage.dofs, log.eta_measured),
         wind=measured_wind(voyage, weather),
-        without_lag=voyage.without_lag,
+        immediate=voyage.immediate,
     )
     if voyage.inputs:
         return replace(

@@ -142,6 +142,11 @@ class Input:
     time_constant_s: Positive | None = None
     start: float = 0.0
 
+    @property
+    def immediate(self) -> bool:
+        """Whether it follows its command at once."""
+        return self.rate_limit is None and self.time_constant_s is None
+
     def __post_init__(self) -> None:
         check_ranges(self)
         if not self.low <= self.start <= self.high or self.low == self.high:
@@ -155,7 +160,7 @@ def input_lag(inputs: Sequence[Input], step_s: float) -> LagTable:
     """The lag and the limits of inputs for a step [s]."""
     table = no_lag(len(inputs))
     rates = np.array([np.inf if i.rate_limit is None else i.rate_limit for i in inputs])
-    table.direct[:] = [i.rate_limit is None and i.time_constant_s is None for i in inputs]
+    table.direct[:] = [i.immediate for i in inputs]
     for k, of_input in enumerate(inputs):
         if of_input.time_constant_s is not None:
             lag = FirstOrderLag(time_constant_s=of_input.time_constant_s)

@@ -17,6 +17,7 @@ from seatrial.models.identification.free_run import (
     predict,
     predicted_layout,
 )
+from seatrial.models.identification.validation import prediction
 from seatrial.models.notation import DOFS, PLANAR
 from seatrial.models.recording.recording import Recording, attitude_of
 from seatrial.models.vessel.basis import terms
@@ -225,11 +226,11 @@ def test_a_thruster_without_lag_acts_as_commanded(make, signal):
     """The simulation records the force before the new command: last sample's command."""
     recording = make.forced(signal("triple_ramp"), ("surge",))
     before = np.vstack([np.zeros((1, 1)), recording.tau[:-1]])
-    direct = replace(recording, tau_actual=before, without_lag=True)
+    direct = replace(recording, tau_actual=before, immediate=("surge",))
     np.testing.assert_array_equal(held_force(direct, None, None)[:, 1], recording.tau)
     parted = direct.part(np.delete(np.arange(len(direct)), slice(300, 500)))
     np.testing.assert_array_equal(held_force(parted, None, None)[:, 1], parted.tau)
-    measured = replace(direct, without_lag=False)  # whether the thrusters lag is not known
+    measured = replace(direct, immediate=())  # whether the thrusters lag is not known
     np.testing.assert_array_equal(held_force(measured, None, None)[:, 0], before)
     np.testing.assert_array_equal(held_force(direct, None, "actual")[:, 0], before)
 
@@ -239,10 +240,24 @@ def test_a_simulation_records_whether_its_thrusters_lag(name, without):
     trial = composed(f"vessel={name}", "excitation=prbs")
     assert (trial.vessel.thruster is None) == without
     recording = excite(trial, Streams(0)).recording
-    assert recording.without_lag == without
+    assert bool(recording.immediate) == without
     assert all(
-        piece.without_lag == without for piece in (recording.lowpass(1.0), *recording.pieces())
+        bool(piece.immediate) == without for piece in (recording.lowpass(1.0), *recording.pieces())
     )
+
+
+def test_the_free_run_of_the_true_vessel_is_its_simulation():
+    """Its shafts jump with their command, which is recorded a sample later."""
+    trial = composed("vessel=otter", "identifier=none", "evaluation=none")
+    recording = excite(trial, Streams(0)).recording
+    assert recording.immediate == recording.input_names
+    assert np.ptp(recording.inputs, axis=0).max() > 0.0
+    truth = trial.vessel.plant_scale * trial.vessel.nominal()
+    errors, _ = prediction(truth, recording, None).deviations()
+    assert np.max(np.abs(errors[:, 3:])) < 1e-4
+    assumed = replace(recording, immediate=())  # that they change linearly
+    errors, _ = prediction(truth, assumed, None).deviations()
+    assert np.max(np.abs(errors[:, 3:])) > 1e-2
 
 
 def test_predictions_begin_anew_at_the_horizon_and_where_samples_are_missing(make, signal):

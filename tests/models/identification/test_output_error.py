@@ -7,6 +7,7 @@ import pytest
 
 from seatrial.models.diagnostics import INTERVAL_OF_ESTIMATE
 from seatrial.models.errors import IdentificationError
+from seatrial.models.identification.auto import WholeTraining
 from seatrial.models.identification.free_parameters import WINDAGE, free_parameters
 from seatrial.models.identification.problem import Problem
 from seatrial.models.notation import DOFS, PLANAR, VELOCITIES
@@ -189,6 +190,21 @@ def test_ferry_with_noise(identifier, lap):
     inertia = [truth.terms.index(one) for one in terms(["u_dot", "v_dot", "r_dot"])]
     assert np.all(np.diag(table[inertia]) < 0.002)
     assert 0.5 < np.median(ratio) < 2.0
+
+
+@pytest.mark.parametrize("seed", [0, 1])
+def test_free_runs_that_chance_decides_are_not_fitted(identifier, seed):
+    """Under a constant force two runs of the ferry part after a minute, however alike they begin.
+
+    A fit to the whole run ends in a minimum far from the truth, with an error of half the motion.
+    """
+    problem, truth = excited("disturbance=[constant,noise]", seed=seed)
+    found = identifier("output_error").identify(problem, None)
+    assert [note for note in found.notes if "fitted to free runs of" in note]
+    inertia = np.diag(found.model.inertia) / np.diag(truth.inertia)
+    np.testing.assert_allclose(inertia, 1.0, atol=0.01)
+    left = WholeTraining(problem).errors([found.model]).nrmse
+    assert np.max(left) < 0.3
 
 
 def test_a_measured_wind_is_in_the_model_unless_it_is_not_wanted(identifier):

@@ -112,7 +112,7 @@ def test_the_share_of_forces_beyond_the_devices_is_counted() -> None:
     tau[1:] *= own.limits(PLANAR)
     rows = {name: np.zeros((4, 3)) for name in Log._fields}
     voyage = Voyage(
-        np.arange(4.0), Log(**{**rows, "tau": tau}), PLANAR, weather(4), True,
+        np.arange(4.0), Log(**{**rows, "tau": tau}), PLANAR, weather(4),
         inputs=vessel("milliampere_azimuths").input_names, allocation=own,
     )  # fmt: skip
     assert deployment_metrics.unreached(voyage) == 0.5

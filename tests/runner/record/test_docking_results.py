@@ -37,7 +37,7 @@ def sailed(docking: Docking, poses: Array, tau: Array | None = None) -> Simulate
     log = Log(*(zero for _ in Log._fields))._replace(eta=poses, tau=zero if tau is None else tau)
     weather = Weather(zero, zero, zero, zero)
     period = docking.period_s
-    voyage = Voyage(period * np.arange(len(poses)), log, PLANE, weather, True)
+    voyage = Voyage(period * np.arange(len(poses)), log, PLANE, weather)
     return SimulatedMission(voyage, period, ControlDesign(PLANE, np.zeros(3), (1.0, 1.0, 1.0)))
 
 

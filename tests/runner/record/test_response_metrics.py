@@ -28,7 +28,7 @@ def sailed() -> SimulatedMission:
     log.held[3, 1] = 1.0
     calm = Weather(*(np.zeros((N, 3)) for _ in range(4)))
     times = 1e-6 * np.array([1.0, 9, 3, 9, 5, 9])
-    voyage = Voyage(H * np.arange(N), log, PLANAR, calm, True, times)
+    voyage = Voyage(H * np.arange(N), log, PLANAR, calm, step_times=times)
     diagnostics = (
         Diagnostic("spectral_radius", "all", 1.01),
         Diagnostic("model_order", "all", 6.0),
@@ -85,7 +85,7 @@ def test_a_mission_with_stands_has_the_figures_of_its_steps() -> None:
     log.setpoint[180:, 0] = 10.0
     log.eta[175:, 0], log.eta[190:, 0], log.eta[200:, 0] = 1.0, 10.4, 10.1
     calm = Weather(*(np.zeros((n, 3)) for _ in range(4)))
-    voyage = Voyage(H * np.arange(n), log, PLANAR, calm, True)
+    voyage = Voyage(H * np.arange(n), log, PLANAR, calm)
     found = deployment_metrics.mission_metrics(
         SimulatedMission(voyage, H, ControlDesign(PLANAR, np.zeros(3))), "identified"
     )
