@@ -191,17 +191,7 @@ class Fit:
     deviation: Array  # (m,) of the prior, infinite where there is none
     slow_share: float  # see `Stage`
     before: int = 0  # evaluations with predictions of other lengths
-    lost: float | None = None  # [s] longer predictions, whose fit lost the shorter ones
-
-    @property
-    def notes(self) -> tuple[str, ...]:
-        """What is to be said of the length of the predictions."""
-        if self.lost is None:
-            return ()
-        return (
-            f"fitted to free runs of {self.runs.seconds:.3g} s: a fit to {self.lost:.3g} s loses "
-            "the shorter ones",
-        )
+    notes: tuple[str, ...] = ()  # what is to be said of the length of the predictions
 
     @property
     def change(self) -> Array:
@@ -263,9 +253,9 @@ def grown(
 ) -> Fit:  # fmt: skip
     """Fit predictions of growing lengths, each from the last fit, or from `other` if it is better.
 
-    It ends before a length whose fit is `_lost`. `stage` gives the one of
-    a length, the last one or not; `change` and `other` are feasible changes (m,) of the nominal
-    parameters, `deviation` (m,) that of the prior, infinite where there is none.
+    It ends before a length whose fit is `_lost`. `stage` gives that of a length, the last one or
+    not; `change` and `other` are feasible changes (m,) of the nominal parameters, `deviation` (m,)
+    that of the prior, infinite where there is none.
     """
     before, result = 0, None
     for i, length in enumerate(lengths):
@@ -274,8 +264,9 @@ def grown(
         change, before = longer.change, longer.evaluations
         if result is not None and _lost(longer, result):
             kept = stage(lengths[i - 1], True)
-            longer = fit(kept, [result.change, other], deviation, constraints)
-            return replace(longer, before=before, lost=last.runs.seconds)
+            note = f"fitted to free runs of {kept.runs.seconds:.3g} s: longer ones lose the motion"
+            kept_fit = fit(kept, [result.change, other], deviation, constraints)
+            return replace(kept_fit, before=before, notes=(note,))
         result = longer
     assert result is not None
     return result

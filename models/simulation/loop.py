@@ -185,13 +185,9 @@ def sail(
     steps = CONTROLLERS[type(controller[0])], ALLOCATIONS[type(sharing)]
     loop, edges = _loop(steps, plant, watch, n, period_s)
     times = _run_blocks(loop, edges, plant, watch, controller, before, craft, log, period_s)
-    named = zip(plant.vessel.inputs, plant.inputs, strict=True)
-    immediate = tuple(name for name, each in named if each.immediate)
-    if not plant.inputs and plant.thruster is None:
-        immediate = plant.vessel.dofs
     return Voyage(
         period_s * np.arange(n, dtype=np.float64), log, plant.vessel.dofs, weather,
-        immediate, np.array(times[1:]), plant.vessel.inputs, positioning,
+        plant.immediate, np.array(times[1:]), plant.vessel.inputs, positioning,
     )  # fmt: skip
 
 

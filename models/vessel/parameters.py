@@ -40,6 +40,14 @@ class Plant:
         """Whether the pose is (x, y, psi) in NED; otherwise each axis integrates its velocity."""
         return self.vessel.dofs == PLANAR
 
+    @property
+    def immediate(self) -> tuple[str, ...]:
+        """The axes or inputs that follow their command at once."""
+        if not self.inputs:
+            return self.vessel.dofs if self.thruster is None else ()
+        named = zip(self.vessel.inputs, self.inputs, strict=True)
+        return tuple(name for name, each in named if each.immediate)
+
     def at(self, time_s: float) -> Vessel:
         """The vessel from a time [s] on."""
         if self.change is None or time_s < self.change[0] - 1e-9:
