@@ -38,7 +38,6 @@ class Grid(PredictionOptions):
             raise ConfigurationError(
                 f"identifier.parameters: got {', '.join(free.labels)}, expected two"
             )
-        self.check_bounded(free)
 
     def identify(self, problem: Problem, rng: np.random.Generator) -> Identified:
         """The residual table of the lowest grid point, with the grid as diagnostics."""

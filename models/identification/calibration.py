@@ -17,7 +17,7 @@ weighted alike; then k, the .90 quantile of |e| / (1.645 s), scales all deviatio
 that of runs which deviate by DEVIATION_SHARE of it (`manoeuvre_sheet`).
 """
 
-from collections.abc import Iterable, Iterator, Sequence
+from collections.abc import Iterable, Iterator
 from contextlib import suppress
 from dataclasses import dataclass, replace
 from functools import cached_property
@@ -205,7 +205,14 @@ def _calibrate(identifier: Identifier, problem: Problem, identified: Identified)
         raise IdentificationError("its free run diverges over the training part")
     restart = runs.own.course.restart | (np.diff(fold, prepend=-1) != 0)
     runs = replace(runs, own=Prediction(runs.own.plant, runs.own.course._replace(restart=restart)))
-    errors = left_out_errors(runs, models, fold)
+    errors = np.full_like(runs.own.course.measured, np.nan)  # each fold by the model without it
+    for k, model in enumerate(models):
+        with suppress(IdentificationError):
+            predicted = predicted_by(model, runs.own.course)
+            found, limited = predicted.deviations()
+            if limited:
+                found[predicted.lost()] = np.nan
+            errors[fold == k] = found[fold == k]
     kept = np.all(np.isfinite(errors), axis=1) & ~restart
     if not np.any(kept):
         raise IdentificationError("every model diverges over what was left out of its training")
@@ -259,8 +266,9 @@ def _most_likely(
         scipy.special.ndtri(0.5 + 0.5 * LEVEL)
         * np.sqrt(known + np.tensordot(force**2, by_force, 1))
     )
-    scale = weighted_quantile(ratio.ravel(), np.repeat(weight, ratio.shape[1]), LEVEL)
-    return ModelError(kappa2, force, scale, mean_square, noise)
+    weights = np.repeat(weight, ratio.shape[1])
+    scale = np.quantile(ratio.ravel(), LEVEL, weights=weights, method="inverted_cdf")
+    return ModelError(kappa2, force, float(scale), mean_square, noise)
 
 
 def folded(training: Recording, carried: int = 0) -> tuple[Recording, NDArray[np.int64]]:
@@ -278,19 +286,6 @@ def folded(training: Recording, carried: int = 0) -> tuple[Recording, NDArray[np
     number = np.arange(len(part)) - np.searchsorted(part, part)  # from the beginning of its part
     kept = number < MOST_SAMPLES // (part[-1] + 1)
     return training.part(kept), fold[kept]
-
-
-def left_out_errors(runs: NearbyRuns, models: Sequence[Vessel], fold: NDArray[np.int64]) -> Array:
-    """Predicted minus measured (N, 2 n_dof), each fold by the model without it; NaN: diverged."""
-    errors = np.full_like(runs.own.course.measured, np.nan)
-    for k, model in enumerate(models):
-        with suppress(IdentificationError):
-            predicted = predicted_by(model, runs.own.course)
-            found, limited = predicted.deviations()
-            if limited:
-                found[predicted.lost()] = np.nan
-            errors[fold == k] = found[fold == k]
-    return errors
 
 
 def _best_force(e: Array, known: Array, by_force: Array, weight: Array) -> tuple[float, Array]:
@@ -312,10 +307,3 @@ def _best_force(e: Array, known: Array, by_force: Array, weight: Array) -> tuple
     start, bounds = np.full(len(by_force), np.log(TRIED)), [np.log(LAMBDA)] * len(by_force)
     found = scipy.optimize.minimize(loss, start, jac=True, bounds=bounds)
     return float(found.fun), np.exp(found.x)
-
-
-def weighted_quantile(values: Array, weights: Array, level: float) -> float:
-    """The least value (n,) at which the weights of the smaller ones reach `level` of the sum."""
-    order = np.argsort(values)
-    reached = np.cumsum(weights[order])
-    return float(values[order][np.searchsorted(reached, level * reached[-1])])

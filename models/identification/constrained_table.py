@@ -12,7 +12,7 @@ import numpy as np
 import scipy
 
 from seatrial.models.diagnostics import Diagnostic
-from seatrial.models.identification.free_run_fit import refined_by_segments
+from seatrial.models.identification.free_run_fit import refined
 from seatrial.models.identification.problem import Identified, Problem
 from seatrial.models.identification.residual import (
     ResidualOptions,
@@ -186,25 +186,20 @@ def finished(
     change, broken = model.nearest(result.residual.on(terms).theta)
     if options.refinement == "none" and not broken:
         return result
-    errors, spread, notes = result.std_error, result.spread, result.notes
-    rows = [terms.index(term) for term in result.residual.terms]
     if options.refinement == "free_run":
-        refined = refined_by_segments(options, training, lag, model, change, 1.0)
-        change, broken, notes = refined.change, refined.active, (*notes, *refined.notes)
-        if not problem.compared:
-            errors = free.std_error(refined.covariance)[rows]
-            spread = refined.spread(problem.nominal)
-    elif options.interval_covers and spread is not None:
+        return refined(options, problem, lag, model, change, 1.0, result)
+    errors, spread = result.std_error, result.spread
+    if options.interval_covers and spread is not None:
         points = [
             free.values + model.nearest((drawn - problem.nominal).on(terms).theta)[0]
             for drawn in result.draws(MOVED_TABLES)
         ]
         covariance = np.cov(np.array(points), rowvar=False)
-        errors = free.std_error(covariance)[rows]
+        errors = free.std_error(covariance)[[terms.index(t) for t in result.residual.terms]]
         spread = ParameterSpread(problem.nominal, free, free.values + change, covariance)
     residual = free.residual(free.values + change).on(result.residual.terms)
     active = (Diagnostic("active_constraint", "all", 1.0, label=name) for name in broken)
     return replace(
         result, model=problem.nominal + residual, residual=residual, std_error=errors,
-        diagnostics=(*result.diagnostics, *active), notes=notes, spread=spread,
+        diagnostics=(*result.diagnostics, *active), spread=spread,
     )  # fmt: skip

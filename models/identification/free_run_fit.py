@@ -25,12 +25,14 @@ from typing import NamedTuple, TypeVar
 import numpy as np
 from numpy.typing import NDArray
 
+from seatrial.models.diagnostics import Diagnostic
 from seatrial.models.errors import IdentificationError
 from seatrial.models.identification.cross_validation import FAR, NEGLIGIBLE_ERROR
 from seatrial.models.identification.free_parameters import FreeParameters
 from seatrial.models.identification.free_run import predicted_layout
 from seatrial.models.identification.physical_constraints import PhysicalConstraints, solve
 from seatrial.models.identification.predictor import Predictor, states_of
+from seatrial.models.identification.problem import Identified, Problem
 from seatrial.models.identification.residual import ResidualOptions, turns
 from seatrial.models.identification.structured import Structure, inflation
 from seatrial.models.identification.uncertainty import (
@@ -94,12 +96,6 @@ class FreeRuns:
         self.begin = np.flatnonzero(predictor.course.restart)
         self.evaluations = 0
         self._latest: tuple[Point, tuple[Array, Array]] | None = None
-
-    @property
-    def seconds(self) -> float:
-        """Length [s] of the longest prediction."""
-        course = self.predictor.course
-        return course.step_s * float(np.max(np.diff(self.begin, append=len(course.restart))))
 
     def point(self, change: Array, start: Array) -> Point:
         """The residuals at a change (m,) of the nominal parameters and at initial states."""
@@ -264,7 +260,9 @@ def grown(
         change, before = longer.change, longer.evaluations
         if result is not None and _lost(longer, result):
             kept = stage(lengths[i - 1], True)
-            note = f"fitted to free runs of {kept.runs.seconds:.3g} s: longer ones lose the motion"
+            steps = np.max(np.diff(kept.runs.begin, append=len(longer.rest)))
+            length_s = kept.runs.predictor.course.step_s * steps
+            note = f"fitted to free runs of {length_s:.3g} s: longer ones lose the motion"
             kept_fit = fit(kept, [result.change, other], deviation, constraints)
             return replace(kept_fit, before=before, notes=(note,))
         result = longer
@@ -353,24 +351,36 @@ def _converged(
     return point, active
 
 
-def refined_by_segments(
-    options: ResidualOptions, recording: Recording, lag: SecondOrderLag | None, model: Structure,
-    change: Array, prior: float,
-) -> Fit:  # fmt: skip
-    """Refine a table by the velocities of free runs over segments, short ones first.
+def refined(
+    options: ResidualOptions, problem: Problem, lag: SecondOrderLag | None, model: Structure,
+    change: Array, prior: float, result: Identified,
+) -> Identified:  # fmt: skip
+    """A table refined by the velocities of free runs over segments, short ones first.
 
     The fit begins at a change (m,) of the nominal parameters of the `model`; `prior` is the
     standard deviation of a parameter over its size.
     """
-    deviation = prior * model.size
-    whole_s = options.segment_s or restart_length(model.free.nominal, recording)
+    free, deviation, nominal = model.free, prior * model.size, problem.nominal
+    whole_s = options.segment_s or restart_length(free.nominal, problem.training)
 
     def stage(length_s: float, last: bool) -> Stage:
-        predictor = segments(recording, model.free, lag, options.force, length_s)
+        predictor = segments(problem.training, free, lag, options.force, length_s)
         return Stage(FreeRuns(predictor, deviation), USUAL if last else QUICK)
 
     lengths = FIRST_LENGTH * whole_s, whole_s
-    return grown(lengths, stage, change, np.zeros_like(change), deviation, model.constraints)
+    fit = grown(lengths, stage, change, np.zeros_like(change), deviation, model.constraints)
+    residual = free.residual(fit.parameters).on(result.residual.terms)
+    rows = [Diagnostic("active_constraint", "all", 1.0, label=name) for name in fit.active]
+    rows += [Diagnostic("evaluations", "all", float(fit.evaluations))]
+    result = replace(
+        result, model=nominal + residual, residual=residual, notes=(*result.notes, *fit.notes),
+        diagnostics=(*result.diagnostics, *rows),
+    )  # fmt: skip
+    if problem.compared:
+        return result
+    errors = free.std_error(fit.covariance)
+    kept = [free.nominal.terms.index(term) for term in residual.terms]
+    return replace(result, std_error=errors[kept], spread=fit.spread(nominal))
 
 
 def segments(

@@ -217,7 +217,9 @@ class Nsga2(PredictionOptions):
     def check(self, nominal: Vessel, thruster: SecondOrderLag | None, measured: bool) -> None:
         """Raise ConfigurationError for missing bounds or a wrong number of weights."""
         check_horizons(self.polish_horizons)
-        self.check_bounded(self.unknowns(nominal, windy=True))
+        for label in self.unknowns(nominal, windy=True).labels:
+            if self.inertia_factor is None and label not in self.bounds:
+                raise ConfigurationError(f"identifier.bounds.{label}: got none, expected two")
         count = 2 if self.grouped else 2 * len(nominal.dofs)
         if self.weights is not None and len(self.weights) != count:
             raise ConfigurationError(

@@ -416,14 +416,6 @@ class PredictionOptions(Identifier):
         sizes, box = nominal_sizes(free, recording, self.force), self.box(free, recording)
         return PhysicalConstraints(free, recording.nu, self.inertia_factor, sizes, box)
 
-    def check_bounded(self, free: FreeParameters) -> None:
-        """Raise ConfigurationError for a parameter without bounds."""
-        for label in free.labels:
-            if self.inertia_factor is None and label not in self.bounds:
-                raise ConfigurationError(
-                    f"identifier.bounds.{label}: got none, expected a lower and an upper bound"
-                )
-
     def box(self, free: FreeParameters, recording: Recording | None = None) -> tuple[Array, Array]:
         """Lower and upper bounds (m,) of the parameters, infinite where there are none.
 

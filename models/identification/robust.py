@@ -21,7 +21,7 @@ from seatrial.models.identification.free_parameters import (
     free_parameters,
     nonzero_labels,
 )
-from seatrial.models.identification.free_run_fit import refined_by_segments
+from seatrial.models.identification.free_run_fit import refined
 from seatrial.models.identification.problem import Identified, Needs, Problem
 from seatrial.models.identification.residual import ResidualOptions, Samples, thruster_of
 from seatrial.models.identification.structured import Structure
@@ -100,19 +100,13 @@ class Robust(ResidualOptions):
         model = Structure(free, samples, training.nu, self.inertia_factor)
         change, active = model.regress(self.prior)
         diagnostics += (Diagnostic("smoothing", "all", self.smoothing(training).signals_hz, "Hz"),)
-        errors, spread, notes = None, None, tuple[str, ...]()
-        if self.refinement == "free_run":
-            refined = refined_by_segments(self, training, lag, model, change, self.prior)
-            change, active, notes = refined.change, refined.active, refined.notes
-            if not problem.compared:
-                errors, spread = free.std_error(refined.covariance), refined.spread(problem.nominal)
-            diagnostics += (Diagnostic("evaluations", "all", float(refined.evaluations)),)
+        diagnostics += tuple(Diagnostic("not_excited", dof, 1.0) for dof in unexcited)
         residual = free.residual(free.values + change)
-        active_rows = (Diagnostic("active_constraint", "all", 1.0, label=name) for name in active)
-        diagnostics += (*active_rows, *(Diagnostic("not_excited", dof, 1.0) for dof in unexcited))
-        return Identified(
-            problem.nominal + residual, residual, errors, diagnostics, notes=notes, spread=spread
-        )
+        result = Identified(problem.nominal + residual, residual, diagnostics=diagnostics)
+        if self.refinement == "free_run":
+            return refined(self, problem, lag, model, change, self.prior, result)
+        rows = (Diagnostic("active_constraint", "all", 1.0, label=name) for name in active)
+        return replace(result, diagnostics=(*diagnostics, *rows))
 
     def free(
         self, nominal: Vessel, kept: Sequence[str] = (), windy: bool = False

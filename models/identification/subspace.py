@@ -244,18 +244,13 @@ def realise(Z: Array, m: int, order: int | None, stable: bool) -> tuple[Array, A
     Z_{J|L} = O_L X = U S V',  C = U_1,  A = U' Z_{J+1|L} V S^-1; U_1 and each block have m rows.
     """
     left, values, right = np.linalg.svd(Z[:-m], full_matrices=False)
-    n = largest_gap(values) if order is None else order
+    floored = np.maximum(values, ORDER_FLOOR * values[0])
+    n = int(np.argmax(floored[:-1] / floored[1:])) + 1 if order is None else order
     O = left[:, :n]  # noqa: E741 - the literature's name
     A, moved = O.T @ Z[m:] @ right[:n].T / values[:n], 0
     if stable:
         A, moved = onto_unit_circle(A)
     return A, O[:m], values, moved
-
-
-def largest_gap(values: Array) -> int:
-    """Number of singular values before the largest ratio of neighbours."""
-    floored = np.maximum(values, ORDER_FLOOR * values[0])
-    return int(np.argmax(floored[:-1] / floored[1:])) + 1
 
 
 def onto_unit_circle(A: Array) -> tuple[Array, int]:

@@ -7,14 +7,7 @@ import pytest
 
 from seatrial.models.identification.cross_validation import CrossValidation
 from seatrial.models.identification.free_parameters import FreeParameters, free_parameters
-from seatrial.models.identification.free_run_fit import (
-    Fit,
-    FreeRuns,
-    Stage,
-    fit,
-    refined_by_segments,
-    segments,
-)
+from seatrial.models.identification.free_run_fit import Fit, FreeRuns, Stage, fit, refined, segments
 from seatrial.models.identification.physical_constraints import PhysicalConstraints
 from seatrial.models.identification.predictor import Predictor
 from seatrial.models.identification.structured import Structure
@@ -115,7 +108,7 @@ def test_short_segments_first_avoid_a_minimum_of_long_ones(identifier) -> None:
     change, _ = model.regress(1.0)
     predictor = segments(training, free, None, None, SEGMENT_S)
     direct = refine(predictor, change, model.size, model.constraints)
-    grown = refined_by_segments(option, training, None, model, change, 1.0)
+    grown = refined(option, training, None, model, change, 1.0)
     inertia = [label in DIAGONAL for label in free.labels]
     assert sum(inertia) == 6
     true = free.change(truth.on(free.nominal.terms).theta - free.nominal.theta)

@@ -15,7 +15,6 @@ from seatrial.models.identification.calibration import (
     folded,
     nearby_runs,
     squared_accelerations,
-    weighted_quantile,
 )
 from seatrial.models.identification.free_parameters import free_parameters
 from seatrial.models.identification.free_run import Course
@@ -195,15 +194,6 @@ def test_a_model_without_a_distribution_stays_as_it_is(noisy: Problem) -> None:
     result = NoIdentifier().identify(noisy, np.random.default_rng(0))
     assert calibrated(NoIdentifier(), noisy, result) is result
     assert bands(result, noisy.validation, None) is None
-
-
-def test_a_weighted_quantile_counts_weights() -> None:
-    """Twice the weight is the same value twice."""
-    values, weights = np.array([3.0, 1.0, 2.0]), np.array([1.0, 2.0, 1.0])
-    repeated = np.repeat(values, weights.astype(int))
-    for level in (0.25, 0.5, 0.75, 0.9):
-        expected = np.quantile(repeated, level, method="inverted_cdf")
-        assert weighted_quantile(values, weights, level) == expected
 
 
 def test_files_of_a_series_are_left_out_by_turns_and_models_at_hand_by_folds(noisy) -> None:

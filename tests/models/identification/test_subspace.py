@@ -12,8 +12,8 @@ from seatrial.models.errors import IdentificationError
 from seatrial.models.identification import residual
 from seatrial.models.identification.subspace import (
     identify_innovations,
-    largest_gap,
     observer_gain,
+    realise,
     with_gain,
 )
 from seatrial.models.simulation.statespace import StateSpace
@@ -242,8 +242,12 @@ def test_a_stable_model_of_an_integrator_under_noise(rng) -> None:
 
 
 def test_the_order_is_the_largest_gap() -> None:
-    assert largest_gap(np.array([69.9, 15.0, 3.7, 2.0, 0.30, 0.21, 0.17])) == 4
-    assert largest_gap(np.array([5.0, 2.0, 1e-14, 1e-19])) == 2  # rounding has no gaps
+    for values, order in (
+        ([69.9, 15.0, 3.7, 2.0, 0.30, 0.21, 0.17], 4),
+        ([5.0, 2.0, 1e-14, 1e-19], 2),  # rounding has no gaps
+    ):
+        future = np.vstack([np.diag(values), np.zeros((1, len(values)))])
+        assert len(realise(future, 1, None, stable=False)[0]) == order
 
 
 def test_a_resampled_record_gives_the_same_model_without_noise(rng) -> None:
