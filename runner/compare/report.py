@@ -28,6 +28,7 @@ from seatrial.runner.database.tables import RunRow as RunTable
 from seatrial.runner.record.catalogue import METRICS, all_declared, definition_of
 from seatrial.runner.record.vocabulary import GROUPS, LOST
 
+HEIGHT = 2.7  # of the first figure: the table below it is on the first screen [inch]
 MOST_LISTED = 500  # runs and failures on the page; the database has them all
 # The metrics that have a table, and whether the table is unfolded at first.
 TABLES = {
@@ -40,6 +41,8 @@ REASONS = {why: column for why, column in COUNTS.items() if why != NOT_APPLICABL
 WORDS = {
     **{"dof": "axis", "run_id": "run", "started_at": "started", "duration_s": "duration [s]"},
     "below_true_model": "below the true model",
+    "std_error": "standard error",
+    "true_value": "true value",
 }
 
 
@@ -74,9 +77,13 @@ class _Report:
 
     def __init__(self, results: Queries, options: TableOptions, database: str) -> None:
         self.results, self.options = results, options
-        self.rows, self.columns = rows, columns = axes_of(options.rows, options.columns)
         self.condition, self.scope = results.selected(options.where, options.sweep)
         self.runs = results.runs(self.condition)
+        rows, columns = axes_of(options.rows, options.columns)
+        varied = [name for name in GROUPS if len({run.levels[name] for run in self.runs}) > 1]
+        if options.columns is None and columns not in varied:
+            columns = next((name for name in varied if name not in rows.split(",")), columns)
+        self.rows, self.columns, self.others = rows, columns, list[Markup]()
         self.shared = PlotRequest("bars", rows=rows, columns=columns)
         self.shared = replace(self.shared, where=options.where, sweep=options.sweep)
         levels = {run.levels.get(rows) for run in self.runs}
@@ -88,7 +95,7 @@ class _Report:
         self.found, self.refused = dict[str, TextTable](), list[str]()
         stored = results.metric_names()
         for metric in (name for name in TABLES if name in stored):
-            asked = replace(options, metric=[metric], baseline=self.baseline)
+            asked = replace(options, columns=columns, metric=[metric], baseline=self.baseline)
             try:
                 table = comparison(results, asked)
             except ConfigurationError as error:
@@ -105,9 +112,9 @@ class _Report:
             Counter(self.results.trials(self.condition, planned=True)["status"]).items()
         )
         pills = Markup(" ").join(pages.status(name, f"{number} {name}") for name, number in counts)
-        yield Markup("<p>Trials ({}): {}</p>").format(sum(n for _, n in counts), pills)
         only = f", only {self.options.where}" if self.options.where else ""
-        yield paragraph(f"From {self.results.reader.address}{only}.", "small")
+        number = sum(n for _, n in counts)
+        yield Markup("<p>Trials ({}{}): {}</p>").format(number, only, pills)
 
     def answers(self) -> Iterator[str]:
         """Say which row is best under each condition, by how much, and which lost trials."""
@@ -142,13 +149,19 @@ class _Report:
             return [group("beside", told)]
         asked = replace(self.shared, metric=self.first)
         with drawn(), suppress(ConfigurationError, LogbookError, PartError):
-            pictures = self.pictures(definition_of(self.first).heading, asked, "first")
+            made = self.pictures(definition_of(self.first).heading, asked, "first", HEIGHT)
+            pictures, self.others = made[:1], made[1:]
         return [group("beside", told, *pictures), *self.table(self.first)]
 
-    def pictures(self, caption: str, asked: PlotRequest, prefix: str) -> list[Markup]:
-        """The figures of a request; `prefix` makes their ids unique on the page."""
-        made = enumerate(drawings(self.results, asked))
-        return [pages.picture(each.figure, caption, f"{prefix}{k}-") for k, each in made]
+    def pictures(
+        self, caption: str, asked: PlotRequest, prefix: str, height: float | None = None
+    ) -> list[Markup]:
+        """The figures of a request; `prefix` makes their ids unique, `height` [inch] replaces."""
+        made = list[Markup]()
+        for k, each in enumerate(drawings(self.results, asked)):
+            each.figure.set_figheight(height or each.figure.get_figheight())
+            made.append(pages.picture(each.figure, caption, f"{prefix}{k}-"))
+        return made
 
     def choices(self) -> list[tuple[str, str]]:
         """Every choice with its levels, those with several first; many seeds are a range."""
@@ -182,7 +195,7 @@ class _Report:
 
     def figures(self) -> list[Markup]:
         """Every figure that the runs have data for, but the bars that are at the top."""
-        pictures, refused = list[Markup](), list[Markup]()
+        pictures, refused = [*self.others], list[Markup]()
         with drawn():
             for n, (caption, asked) in enumerate(self.asked()):
                 try:
@@ -265,7 +278,7 @@ class _Report:
             properties = {"git commit": f"{row.git_commit or 'unknown'}{dirty}", "host": row.host}
             for name, value in (properties | row.versions | {"command": row.command}).items():
                 counts_of[name].update([str(value)] if value else [])
-        told = list[tuple[str, Markup]]()
+        told = [("logbook", Markup("<code>{}</code>").format(self.results.reader.address))]
         for name, counts in counts_of.items():
             values = (Markup("<code>{}</code>").format(text) for text, _ in counts.most_common(20))
             told += [(name, Markup(", ").join(values))] if counts else []
@@ -284,5 +297,6 @@ def in_words(grid: TextTable) -> TextTable:
         re.sub(r"\b[a-z]\w*_\w+\b", lambda name: labels.get(name[0], name[0]), text)
         for text in (grid.title, *grid.notes)
     )
-    headers = [WORDS.get(header, header.replace("_", " ")) for header in grid.headers]
+    names = [WORDS.get(header, header.replace("_", " ")) for header in grid.headers[: grid.labels]]
+    headers = [*names, *(WORDS.get(name, name) for name in grid.headers[grid.labels :])]
     return replace(grid, title=title, headers=headers, notes=notes)

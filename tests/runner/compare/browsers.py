@@ -31,12 +31,26 @@ def start_browser(logs: Mapping[str, str] | None = None) -> Any:
     return webdriver.Chrome(options=options, service=service)
 
 
-def open_page(browser: Any, page: Path, width: int, mobile: bool = False) -> None:
-    """Show a page as wide as a desk's or a phone's window."""
-    metrics = {"width": width, "height": 844, "deviceScaleFactor": 1, "mobile": mobile}
+def open_page(
+    browser: Any, page: Path, width: int, mobile: bool = False, height: int = 844
+) -> None:
+    """Show a page in a window of the size of a desk's or a phone's [px]."""
+    metrics = {"width": width, "height": height, "deviceScaleFactor": 1, "mobile": mobile}
     browser.execute_cdp_cmd("Emulation.setDeviceMetricsOverride", metrics)
     browser.get_log("browser")
     browser.get(page.as_uri())
+
+
+def check_phone(browser: Any, page: Path, answer: str = "main table") -> None:
+    """At 390 px nothing scrolls sideways but tables and figures, and the answer can be touched."""
+    open_page(browser, page, 390, mobile=True)
+    assert browser.execute_script("return document.scrollingElement.scrollWidth") == 390, page
+    touched = """
+        const answer = document.querySelector(arguments[0]);
+        answer.scrollIntoView({ block: "start" });
+        const box = answer.getBoundingClientRect();
+        return answer.contains(document.elementFromPoint(box.left + 20, box.top + 20));"""
+    assert browser.execute_script(touched, answer), page
 
 
 def check_alone(text: str, attributes: str = "src|href|action|data") -> None:

@@ -1,12 +1,13 @@
 """The page of the benchmark: what is on it, and that it loads nothing."""
 
 from pathlib import Path
+from typing import Any
 
 import pytest
 
 from seatrial.runner.commands import benchmark
 from seatrial.runner.compare.__main__ import run
-from tests.runner.compare.browsers import check_alone
+from tests.runner.compare.browsers import check_alone, check_phone
 
 pytestmark = pytest.mark.slow
 TASK = """
@@ -62,3 +63,7 @@ def test_the_page_holds_everything_and_loads_nothing(page: Path) -> None:
     figures = text.count("free run from the first measured state</figcaption>")
     assert figures == 3  # one of each case
     check_alone(text, "src|action|data")
+
+
+def test_the_page_fits_a_phone(browser: Any, page: Path) -> None:
+    check_phone(browser, page)

@@ -15,7 +15,7 @@ from seatrial.runner.compare.page import write_page
 from seatrial.runner.compare.report import render_report
 from seatrial.runner.database import LogbookWriter
 from tests.runner.compare import stored
-from tests.runner.compare.browsers import check_alone, complaints, open_page
+from tests.runner.compare.browsers import check_alone, check_phone, complaints, open_page
 from tests.runner.compare.conftest import Program
 from tests.runner.compare.test_command_line import database
 
@@ -103,6 +103,33 @@ def test_the_page_opens_alone_and_its_tables_sort_by_a_click(browser: Any, page:
         values = [float(text.split()[0]) for text in texts if text[:1].isdigit()]
         assert values == sorted(values, reverse=backwards)
         assert len(values) > 2
+
+
+def test_the_first_screen_answers(
+    browser: Any, logbook: LogbookWriter, results: Queries, tmp_path: Path
+) -> None:
+    """Two controllers are one figure; with it and the first rows of the table the window ends."""
+    for controller, scale in (("pid_ff", 1.0), ("lqi", 3.0)):
+        for identifier, mean in (("none", 1.0), ("ls", 0.6), ("auto", 0.5)):
+            for seed in range(3):
+                begin = stored.start(identifier, seed=seed, controller=controller)
+                stored.finish(logbook, begin, [stored.tracking(scale * mean + 0.01 * seed)])
+    page = tmp_path / "report.html"
+    page.write_text(render_report(results, TableOptions()), encoding="utf-8")
+    for width, height, mobile in ((1280, 800, False), (390, 844, True)):
+        open_page(browser, page, width, mobile, height)
+        assert len(browser.find_elements("css selector", "#result figure")) == 1
+        names = [one.text for one in browser.find_elements("css selector", "#result dt")]
+        assert names[:2] == ["identifier", "controller"]
+        assert {"vessel", "disturbance", "baseline", "failures"} <= {*names}
+        heading = browser.find_elements("css selector", "#result thead th")
+        assert [one.text for one in heading] == ["identifier", "lqi", "pid_ff"]
+        rows = browser.find_elements("css selector", "#result tbody tr")
+        seen = [row for row in rows if row.location["y"] + 10 < height]
+        assert len(seen) >= (3 if width == 1280 else 1)
+        answer = browser.find_element("css selector", ".answer").text
+        assert answer.startswith("pid_ff: auto has a position MAE of 0.510 m, 2.0 times less")
+    check_phone(browser, page)
 
 
 def test_warnings_of_the_runs_are_on_the_page_and_in_show(

@@ -15,7 +15,7 @@ from seatrial.runner.compare.frame import open_results
 from seatrial.runner.compare.grid import number_text
 from seatrial.runner.compare.site import script_of, write_site
 from tests.runner.compare import stored
-from tests.runner.compare.browsers import complaints
+from tests.runner.compare.browsers import check_phone, complaints
 from tests.runner.compare.conftest import Program
 
 T = TypeVar("T")
@@ -214,6 +214,13 @@ def harmless(browser: Any) -> None:
     assert browser.title != "stolen"
     assert browser.find_elements("css selector", "main img, main script") == []
     assert "\u202e" not in browser.find_element("tag name", "body").text
+
+
+def test_no_page_scrolls_sideways_on_a_phone(offline: Any, site: Path) -> None:
+    for name in ("index", "sweep-all", "run-18"):
+        check_phone(offline, site.parent / f"{name}.html")
+    show(offline, site.parent / "runs.html")
+    check_phone(offline, site.parent / "runs.html", "#list table")
 
 
 def test_only_a_folder_of_its_own_is_written(tmp_path: Path, plain: Path) -> None:
