@@ -47,13 +47,15 @@ APART: tuple[Verdict, ...] = (
     *("calibrated", "by construction", "not reproducible", "no runs", "ours"),
 )  # these compare nothing with a printed figure, or cannot fail
 MORE = "with more information"  # of our method than the source has: known lag, measured wind
+MARK = "+"  # of beaten; bold is the best cell of a comparison, and no cell here
 NOTE = (
     "ours: mean over runs [95 % interval of one further run] (number of runs; of one run there is"
     " none);"
-    " reference: a figure that is not printed, shown and not judged; beaten: the whole interval is"
-    f" better than printed by more than {100.0 * TOLERANCE:.0f} %, or of an estimate its worst end"
-    " is nearer to the truth; reproduced: the printed figure is in an interval that is not wider"
-    f" than the figure, or within {100.0 * TOLERANCE:.0f} %; eigenvalues by their distance to 1;"
+    f" reference: a figure that is not printed, shown and not judged; {MARK} beaten: the whole"
+    f" interval is better than printed by more than {100.0 * TOLERANCE:.0f} %, or of an estimate"
+    " its worst end is nearer to the truth; reproduced: the printed figure is in an interval that"
+    f" is not wider than the figure, or within {100.0 * TOLERANCE:.0f} %; eigenvalues by their"
+    " distance to 1;"
     " below the true model: better than printed, but also than the exact plant, so it fits"
     " lag or feedback"
 )
@@ -106,7 +108,7 @@ def _row(one: Judged) -> list[TableCell]:
         TableCell("–")
         if math.isnan(one.ratio)
         else TableCell(number_text(one.ratio, 3), sort=one.ratio),
-        TableCell(one.verdict, bold=one.verdict == "beaten"),
+        TableCell(f"{MARK} {one.verdict}" if one.verdict == "beaten" else one.verdict),
         TableCell("; ".join(reasons), prose=True),
     ]
 

@@ -32,9 +32,8 @@ ENTRANT = (
     "An entrant is an option of the group identifier: a YAML file in the folder conf/identifier of"
     " your working folder that names a class, or a program in any language that reads a recording"
     " and writes coefficients. With conf/identifier/mine.yaml, the first of these commands runs the"
-    " cells of mine that are not in the logbook, in all tasks, and nothing else; the second makes"
-    " this page again with it. An entrant with options of its own, and a task of your own, is a"
-    " file of conf/benchmark beside the tasks of the project."
+    " cells of mine that are not in the logbook, in all tasks; the second makes this page again."
+    " An entrant with options of its own, or a task, is a file of conf/benchmark like the others."
 )
 
 
@@ -42,8 +41,7 @@ def write_benchmark(results: Queries, boards: Sequence[Board], file: Path) -> No
     """Write the page; raises LogbookError if the file cannot be written."""
     own, trials = pd.concat([board.entries for board in boards]), trial_program()
     own = own[~own["entrant"].isin(REFERENCES)]
-    minutes = sum(own["duration_s"]) / 60.0
-    lead = f"From {results.reader.address}: {len(own)} trials, {minutes:.0f} minutes of computing."
+    lead = f"From {results.reader.address}: {len(own)} trials."
     first = [paragraph(ABOUT), html_table(summary(boards))]
     chapters, sources = list[Section](), list[Markup]()
     with drawn():
@@ -53,9 +51,9 @@ def write_benchmark(results: Queries, boards: Sequence[Board], file: Path) -> No
                 figure = chart(titles, ranks)
                 first.append(picture(figure, f"Mean ranks over {titles}", f"all-{i}-"))
         for board in boards:
-            task, files = board.task, located(board.task)
+            task = board.task
             blocks = [code(f"{trials} benchmark --task {task.name}")]
-            for each in files:
+            for each in located(task):
                 if each.state != "found":
                     told = f"{each.name} is {each.state}: its cases are left out; {trials} data get"
                     blocks.append(paragraph(f"{told} {task.name}", "small"))
@@ -65,14 +63,11 @@ def write_benchmark(results: Queries, boards: Sequence[Board], file: Path) -> No
                 blocks.append(picture(figure, f"{task.title}: mean ranks", f"{task.name}-ranks-"))
             blocks.append(group("figures", *_free_runs(results, board)))
             chapters.append(Section(task.title, task.name, blocks))
-            sources.append(Markup("<h3>{}</h3>").format(task.title))
-            if not task.source:
-                sources[-1] += paragraph("Simulated: there is nothing to get.")
+            if not task.source:  # simulated: there is nothing to get
                 continue
+            sources.append(Markup("<h3>{}</h3>").format(task.title))
             facts, url = dict[str, str | Markup](task.source), task.source.get("url", "")
             facts["url"] = pages.link(url, url) if url.startswith("https://") else "–"
-            known = sum(file.state == "found" for file in files)
-            facts["files"] = f"{known} of {len(files)} were at hand"
             sources[-1] += pages.facts([*facts.items()])
     commands = [
         f"{trials} benchmark --entrant mine",

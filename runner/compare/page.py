@@ -25,6 +25,7 @@ if TYPE_CHECKING:
 WIDE_FIGURE = 7.0  # a wider figure fills a row of the page [inch]
 PLACES = re.compile(r' (?:d|x|y)="[^"]*"|translate\([^)]*\)')
 DECIMALS = re.compile(r"(\d\.\d\d)\d+")
+MOST_MARKERS = 1000  # of a figure that are elements of the page; more are one image
 LEGIBLE = 0.72 * 96.0  # width of a figure [px/inch], below which it scrolls
 
 
@@ -93,19 +94,24 @@ def write_page(page: str, file: Path) -> None:
         raise LogbookError(f"{file}: cannot write the report: {error.strerror}") from error
 
 
-def picture(figure: "Figure", caption: str, prefix: str) -> Markup:
+def picture(figure: "Figure", caption: str, prefix: str, **size: float) -> Markup:
     """Return a figure as inline SVG; the prefix makes its ids unique on the page.
 
-    `caption` is also the label of the image. Coordinates are rounded to a hundredth of a point, so
-    that pages stay small.
+    `caption` is also the label of the image; `size` may give another `figheight` [inch].
+    Pages stay small: coordinates are rounded to a hundredth of a point, many markers are an image.
     """
+    figure.set(**size)
+    lines: list[Any] = [line for axes in figure.axes for line in axes.lines]
+    marked = [line for line in lines if line.get_marker() not in ("", "None")]
+    several = sum(len(line.get_xdata()) for line in marked) > MOST_MARKERS
+    for line in marked:
+        line.set_rasterized(several)
     out = StringIO()
     figure.savefig(out, format="svg", metadata={"Date": None})
-    svg = out.getvalue()
-    svg = svg[svg.index("<svg") :]
+    svg = "<svg" + out.getvalue().partition("<svg")[2]
     svg = re.sub(PLACES, lambda place: DECIMALS.sub(r"\1", place[0]), svg)
     svg = re.sub(r'(?<=[ \n]id=")|(?<=href="#)|(?<=url\(#)', prefix, svg)
     svg = svg.replace("<svg", f'<svg role="img" aria-label="{escape(caption)}"', 1)
-    least = round(LEGIBLE * figure.get_figwidth())
-    kind = "wide" if figure.get_figwidth() > WIDE_FIGURE else ""
-    return _block("figure", Markup(svg), caption, least, kind)
+    width = figure.get_figwidth()
+    kind = "wide" if width > WIDE_FIGURE else ""
+    return _block("figure", Markup(svg), caption, round(LEGIBLE * width), kind)

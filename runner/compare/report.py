@@ -32,17 +32,17 @@ HEIGHT = 2.7  # of the first figure: the table below it is on the first screen [
 MOST_LISTED = 500  # runs and failures on the page; the database has them all
 # The metrics that have a table, and whether the table is unfolded at first.
 TABLES = {
-    "e_pos_mae": True, "e_psi_mae": True, "velocity_rmse_free_run": True, "force_mse": True,
-    "force_mse_filtered": False, "velocity_rmse_one_step": False, "coefficient_error": False,
-    "error_mae": False, "steady_state_error": False, "tau_mean_abs": False, "power_mean": False,
-    "iaew": False,
+    "e_pos_mae": True, "e_psi_mae": True, "contacts": True, "smallest_clearance": True,
+    "time_to_berth": True, "final_position_error": True, "velocity_rmse_free_run": True,
+    "force_mse": True, "force_mse_filtered": False, "velocity_rmse_one_step": False,
+    "coefficient_error": False, "error_mae": False, "steady_state_error": False,
+    "tau_mean_abs": False, "power_mean": False, "iaew": False,
 }  # fmt: skip
 REASONS = {why: column for why, column in COUNTS.items() if why != NOT_APPLICABLE}
 WORDS = {
     **{"dof": "axis", "run_id": "run", "started_at": "started", "duration_s": "duration [s]"},
+    **{"std_error": "standard error", "true_value": "true value", "n_rows": "rows"},
     "below_true_model": "below the true model",
-    "std_error": "standard error",
-    "true_value": "true value",
 }
 
 
@@ -71,8 +71,7 @@ def render_report(
 class _Report:
     """The parts of the page; `found` are its tables by metric, of which the first is at the top.
 
-    The baseline is the level `none` of the rows, if some of the runs have it. `refused` are
-    messages on tables whose runs differ in too much.
+    The baseline is the level `none` of the rows, if any; `refused` says what differs in too much.
     """
 
     def __init__(self, results: Queries, options: TableOptions, database: str) -> None:
@@ -83,15 +82,15 @@ class _Report:
         varied = [name for name in GROUPS if len({run.levels[name] for run in self.runs}) > 1]
         if options.columns is None and columns not in varied:
             columns = next((name for name in varied if name not in rows.split(",")), columns)
-        self.rows, self.columns, self.others = rows, columns, list[Markup]()
+        self.rows, self.columns = rows, columns
         self.shared = PlotRequest("bars", rows=rows, columns=columns)
         self.shared = replace(self.shared, where=options.where, sweep=options.sweep)
         levels = {run.levels.get(rows) for run in self.runs}
         self.baseline = [f"{rows}=none"] if "none" in levels and len(levels) > 1 else []
         words = {"--rows": rows, "--columns": columns, "--baseline": ",".join(self.baseline)}
         words |= {"--where": options.where or "", "--sweep": options.sweep or ""}
-        named = [word for pair in words.items() if pair[1] for word in pair]
-        self.words = [*named, *words_of(database)]
+        self.words = [word for pair in words.items() if pair[1] for word in pair]
+        self.words += words_of(database)
         self.found, self.refused = dict[str, TextTable](), list[str]()
         stored = results.metric_names()
         for metric in (name for name in TABLES if name in stored):
@@ -108,13 +107,11 @@ class _Report:
     def lead(self) -> Iterator[Markup]:
         """What the runs say, above all: the best rows, and how many there are and failed."""
         yield group("answer", pages.bullets(self.answers()))
-        counts = sorted(
-            Counter(self.results.trials(self.condition, planned=True)["status"]).items()
-        )
+        statuses = self.results.trials(self.condition, planned=True)["status"]
+        counts = sorted(Counter(statuses).items())
         pills = Markup(" ").join(pages.status(name, f"{number} {name}") for name, number in counts)
         only = f", only {self.options.where}" if self.options.where else ""
-        number = sum(n for _, n in counts)
-        yield Markup("<p>Trials ({}{}): {}</p>").format(number, only, pills)
+        yield Markup("<p>Trials ({}{}): {}</p>").format(sum(n for _, n in counts), only, pills)
 
     def answers(self) -> Iterator[str]:
         """Say which row is best under each condition, by how much, and which lost trials."""
@@ -144,33 +141,29 @@ class _Report:
         failed = f"{lost} of {len(self.runs)} runs, listed under Failures" if lost else "none"
         baseline = f"{self.rows} none" if self.found and self.baseline else "none is named"
         named = [("baseline", baseline), ("failures", failed)]
-        told, pictures = pages.facts([*self.choices(), *named]), list[Markup]()
+        told, made = pages.facts([*self.choices(), *named]), list[Markup]()
         if not self.first:
             return [group("beside", told)]
-        asked = replace(self.shared, metric=self.first)
+        heading, asked = definition_of(self.first).heading, replace(self.shared, metric=self.first)
         with drawn(), suppress(ConfigurationError, LogbookError, PartError):
-            made = self.pictures(definition_of(self.first).heading, asked, "first", HEIGHT)
-            pictures, self.others = made[:1], made[1:]
-        return [group("beside", told, *pictures), *self.table(self.first)]
+            made = self.pictures(heading, asked, "first", figheight=HEIGHT)
+        first = group("beside", told, *made[:1])  # other conditions have figures of their own
+        return [first, *self.table(self.first), group("figures", *made[1:])]
 
     def pictures(
-        self, caption: str, asked: PlotRequest, prefix: str, height: float | None = None
+        self, caption: str, asked: PlotRequest, prefix: str, **size: float
     ) -> list[Markup]:
-        """The figures of a request; `prefix` makes their ids unique, `height` [inch] replaces."""
-        made = list[Markup]()
-        for k, each in enumerate(drawings(self.results, asked)):
-            each.figure.set_figheight(height or each.figure.get_figheight())
-            made.append(pages.picture(each.figure, caption, f"{prefix}{k}-"))
-        return made
+        """The figures of a request; `prefix` makes their ids unique on the page."""
+        made = enumerate(drawings(self.results, asked))
+        return [pages.picture(each.figure, caption, f"{prefix}{k}-", **size) for k, each in made]
 
     def choices(self) -> list[tuple[str, str]]:
         """Every choice with its levels, those with several first; many seeds are a range."""
         choices = {name: ordered(run.levels[name] for run in self.runs) for name in GROUPS}
         varied = sorted(choices, key=lambda name: len(choices[name]) == 1)
         seeds = ordered(run.levels["seed"] for run in self.runs)
-        text = ", ".join(seeds)
-        if len(seeds) > 5:
-            text = f"{len(seeds)} seeds, {seeds[0]} to {seeds[-1]}"
+        many = f"{len(seeds)} seeds, {seeds[0]} to {seeds[-1]}"
+        text = many if len(seeds) > 5 else ", ".join(seeds)
         return [*((name, ", ".join(choices[name])) for name in varied), ("seed", text)]
 
     def table(self, metric: str) -> list[Markup]:
@@ -187,15 +180,14 @@ class _Report:
         for run, recorded in newest_manoeuvres(self.results, self.runs):
             # a manoeuvre that was not carried out, such as one that is too short, has no sheet
             with suppress(RecordingError):
-                grid = sheet_of(recorded, f"Run {run.id}")
-                heading = f"Manoeuvre of {subtitle(run)}"
-                blocks.append(folded(heading, html_table(grid), opened=True))
+                sheet = html_table(sheet_of(recorded, f"Run {run.id}"))
+                blocks.append(folded(f"Manoeuvre of {subtitle(run)}", sheet, opened=True))
         blocks += [paragraph(f"Not shown: {text}", "refused") for text in self.refused]
         return blocks if blocks or self.found else [paragraph("None of these runs has a metric.")]
 
     def figures(self) -> list[Markup]:
         """Every figure that the runs have data for, but the bars that are at the top."""
-        pictures, refused = [*self.others], list[Markup]()
+        pictures, refused = list[Markup](), list[Markup]()
         with drawn():
             for n, (caption, asked) in enumerate(self.asked()):
                 try:
@@ -244,13 +236,12 @@ class _Report:
         """The sweeps with their commands, and a table of all settings."""
         ids, blocks = {run.sweep for run in self.runs}, list[Markup]()
         for sweep in (one for one in self.results.reader.sweeps() if one.id in ids):
-            end, begin = sweep.finished_at, f"{sweep.started_at:%Y-%m-%d %H:%M} UTC"
-            until = f"to {end:%Y-%m-%d %H:%M}" if end else ", not finished"
-            words = [f"{sweep.planned} trials planned; {begin} {until}, on {sweep.host}"]
+            begin = f"{sweep.started_at:%Y-%m-%d %H:%M} UTC, on {sweep.host}"
+            words = [f"{sweep.planned} trials planned", begin]
             words += [f"tags: {', '.join(sweep.tags)}"] if sweep.tags else []
-            words += [sweep.note] if sweep.note else []
+            words += [sweep.note or ""]
             blocks.append(Markup("<h3>Sweep {}: {}</h3>").format(sweep.id, sweep.name))
-            blocks += [paragraph("; ".join(words), "small"), code(sweep.command)]
+            blocks += [paragraph("; ".join(filter(None, words)), "small"), code(sweep.command)]
         newest = {tuple(run.levels[name] for name in GROUPS): run.id for run in self.runs}
         configs = self.results.configs_of(sorted(newest.values())[-MOST_LISTED:]).values()
         rows = []
@@ -265,8 +256,7 @@ class _Report:
         chosen = [run.id for run in self.runs][-MOST_LISTED:]
         summaries = self.results.reader.runs(RunTable.id.in_(chosen), newest_first=True)
         alone = [name for name in GROUPS if len({run.levels[name] for run in self.runs}) == 1]
-        left_out = len(self.runs) > MOST_LISTED
-        notes = [f"the newest {MOST_LISTED} of {len(self.runs)}"] if left_out else []
+        notes = [f"the newest {MOST_LISTED} of {n}"] if (n := len(self.runs)) > MOST_LISTED else []
         without = ("superseded", "error", *alone)
         return in_words(run_table(self.results, summaries, notes=notes, without=without))
 
@@ -297,6 +287,5 @@ def in_words(grid: TextTable) -> TextTable:
         re.sub(r"\b[a-z]\w*_\w+\b", lambda name: labels.get(name[0], name[0]), text)
         for text in (grid.title, *grid.notes)
     )
-    names = [WORDS.get(header, header.replace("_", " ")) for header in grid.headers[: grid.labels]]
-    headers = [*names, *(WORDS.get(name, name) for name in grid.headers[grid.labels :])]
+    headers = [WORDS.get(header, header) for header in grid.headers]
     return replace(grid, title=title, headers=headers, notes=notes)

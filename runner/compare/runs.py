@@ -18,8 +18,9 @@ from seatrial.runner.configuration.invocation import config_folder, quoted, tria
 from seatrial.runner.database.engine import Address, file_url
 from seatrial.runner.database.records import RunSummary
 from seatrial.runner.database.views import run_overview
-from seatrial.runner.record.catalogue import METRICS
-from seatrial.runner.record.vocabulary import GROUPS, SAILED, STATUSES
+from seatrial.runner.record.catalogue import definition_of
+from seatrial.runner.record.rows import Metric
+from seatrial.runner.record.vocabulary import DOF_ORDER, GROUPS, SAILED, STATUSES
 
 RUN_COLUMNS = (
     *("run_id", "status", *GROUPS, "seed", "sweep", "tags", "attempt", "superseded"),
@@ -47,6 +48,12 @@ SHOWN = (  # diagnostics: uncertainty, what the excitation tells apart, columns 
     *("model_error", "no_model_error", "no_band", "tracking_", "no_tracking"),
     *("regressor_", "spectral_lines", "inseparable_terms", "statistic_"),
 )
+# The metrics of a trial that matter, and how many lines of them are shown; docking comes first.
+HEADLINES = (
+    *("contacts", "smallest_clearance", "time_to_berth", "final_position_error"),
+    *("final_heading_error", "e_pos_mae", "e_psi_mae", "velocity_rmse_restarts"),
+)
+MOST_HEADLINES = 5
 DATABASE = re.compile(r"[+~]*database(\.url)?=")
 
 
@@ -91,17 +98,22 @@ def runs_of(
     return [run for run in summaries if not statuses or run.status in statuses]
 
 
+def headlines(stored: Sequence[Metric]) -> list[list[Metric | None]]:
+    """Return the stored metrics of a trial that matter, of each of SAILED; None without a row."""
+    numbers = {(row.name, row.dof, row.model): row for row in stored}
+    places = [(name, dof) for name in HEADLINES for dof in DOF_ORDER]
+    pairs = [[numbers.get((*place, model)) for model in SAILED] for place in places]
+    return [pair for pair in pairs if any(pair)][:MOST_HEADLINES]
+
+
 def headline(results: Queries, run_id: int) -> TextTable:
     """Return the main metrics of a run, nominal beside identified, with its warnings as notes."""
     summary = results.reader.run(run_id).summary
-    numbers = {(row.name, row.dof, row.model): row for row in results.reader.metrics(run_id)}
     rows: list[list[Scalar]] = []
-    for metric in METRICS:
-        pair = [numbers.get((metric.name, metric.headline, model)) for model in SAILED]
-        if metric.headline and any(pair):
-            unit = next(row.unit for row in pair if row)
-            values = [row.value if row else None for row in pair]
-            rows.append([metric.label, metric.headline, unit_text(unit), *values])
+    for pair in headlines(results.reader.metrics(run_id)):
+        one = next(row for row in pair if row)
+        values = [row.value if row else None for row in pair]
+        rows.append([definition_of(one.name).label, one.dof, unit_text(one.unit), *values])
     choices = ", ".join(getattr(summary, group) for group in GROUPS)
     title = f"run {run_id}, {summary.status}: {choices}, seed {summary.seed}"
     notes = [summary.error] if summary.error else []

@@ -89,9 +89,8 @@ def _files(results: Queries, database: str, opened: int) -> Iterator[tuple[str, 
     blocks = [Markup('<div id="plots"></div><div id="list"></div>')]
     listed = [link(file, named[file]) for file in made if file in named]
     sections = [Section("Runs", "runs", blocks), Section("Sweeps", "sweeps", [bullets(listed)])]
-    lead = [paragraph(f"From {results.reader.address}.", "small")]
     scripts, programs = ["data/runs.js"], [*PROGRAMS, "runs.js"]
-    yield RUNS, page("Sea trials: the runs", lead, sections, links, scripts, programs)
+    yield RUNS, page("Sea trials: the runs", [], sections, links, scripts, programs)
     yield "data/runs.js", script_of("runs", _runs(results, runs, whole, database))
     for run in whole:
         drawn, trouble = figures_of(results, run.id)
@@ -161,10 +160,7 @@ def _text(value: float | None) -> str | None:
 
 
 def _factors(results: Queries) -> list[Json]:
-    """Return choices, seed, status, code, and the keys that commands vary, with several levels.
-
-    `codes` are the places of the runs' levels.
-    """
+    """Return choices, seed, status, code and varied keys of several levels; `codes` of the runs."""
     rows = results.reader.select(sa.select(RUN.c.overrides))
     words = dict.fromkeys(
         text.partition("=")[0].lstrip("+~") for row in rows for text in row.overrides
@@ -198,8 +194,7 @@ def _measures(results: Queries, runs: Sequence[StoredRun]) -> list[Json]:
 def figures_of(results: Queries, run_id: int) -> tuple[Json, list[str]]:
     """Return the lines of a run's figures by key, and the series that cannot be read.
 
-    Figures of the same key are drawn over each other: track, errors over time, velocities with
-    the band of the prediction, and residuals of the force.
+    The lines of a key are one figure: track, errors, velocities with their band, force residuals.
     """
     figures, trouble = dict[str, dict[str, Any]](), list[str]()
     for file in results.reader.series_files(run_id):

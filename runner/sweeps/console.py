@@ -21,6 +21,7 @@ from typing import TYPE_CHECKING, ClassVar
 from seatrial.models.errors import ConfigurationError, LogbookError
 from seatrial.runner import compare as comparison
 from seatrial.runner import database
+from seatrial.runner.compare.grid import with_unit
 from seatrial.runner.configuration.invocation import DEFAULT_DATABASE, results_program
 from seatrial.runner.configuration.vessel_options import SUITED_GROUPS
 from seatrial.runner.database.terminal import error_line
@@ -31,9 +32,6 @@ if TYPE_CHECKING:
     from seatrial.runner.database.records import RunSummary, SweepStatus
     from seatrial.runner.sweeps.job import Outcome, PlannedTrial
 
-# The metrics that are printed after a trial, at most so many lines, and of which models.
-SHOWN = ("e_pos_mae", "e_psi_mae", "velocity_rmse_restarts")
-LONGEST_LIST = 5
 WARNINGS = 5  # that are counted at the end of a sweep
 LISTED = 20  # failed runs that a summary names; the command it prints shows all
 
@@ -89,7 +87,7 @@ def repeated_warnings(url: str, sweep_id: int) -> list[str]:
 
 
 def sweep_table(url: str, sweep_id: int, factors: Sequence[str]) -> list[str]:
-    """Return the comparison of a sweep by the first metric of `SHOWN` that its runs have.
+    """Return the comparison of a sweep by the first headline that its runs have.
 
     Rows are the first of the factors that it varied, columns the others. At most LISTED lines;
     empty if nothing was varied, or no run has such a metric.
@@ -99,7 +97,7 @@ def sweep_table(url: str, sweep_id: int, factors: Sequence[str]) -> list[str]:
     columns = ",".join(factors[1:]) or "none"
     width = shutil.get_terminal_size().columns if sys.stdout.isatty() else None
     with comparison.frame.open_results(url) as results:
-        for name in (each for each in SHOWN if each in results.metric_names()):
+        for name in (each for each in comparison.runs.HEADLINES if each in results.metric_names()):
             options = comparison.cli.TableOptions(
                 rows=factors[0], columns=columns, metric=[name], sweep=str(sweep_id)
             )
@@ -136,7 +134,7 @@ def outcome_line(outcome: "Outcome", url: str) -> str:
 
 
 def result_of(run: int | None, url: str) -> list[str]:
-    """Return what a trial came to: the metrics of `SHOWN` that it has, nominal beside identified.
+    """Return what a trial came to: its headlines, nominal beside identified.
 
     A model without a value, such as one that is not deployed, has a dash; of what is below the
     resolution of its metric no digit counts. Empty without a run.
@@ -145,19 +143,16 @@ def result_of(run: int | None, url: str) -> list[str]:
         return []
     with database.LogbookReader.read(url) as logbook:
         metrics = logbook.metrics(run)
-    values = {(row.name, row.dof, row.model): row for row in metrics if row.name in SHOWN}
     rows: list[tuple[str, ...]] = [("", *SAILED)]
-    for name, dof, model in sorted(values, key=lambda key: SHOWN.index(key[0])):
-        if model != "identified":
-            continue
-        finest, where = definition_of(name), "" if dof in COMBINED else f", {dof}"
+    for pair in comparison.runs.headlines(metrics):
+        one = next(row for row in pair if row)
+        finest, where = definition_of(one.name), "" if one.dof in COMBINED else f", {one.dof}"
         numbers = ["-"] * len(SAILED)
-        for i, row in enumerate(values.get((name, dof, each)) for each in SAILED):
+        for i, row in enumerate(pair):
             if row is not None and row.value is not None:
-                is_fine = abs(row.value) < finest.resolution
+                is_fine = 0.0 < abs(row.value) < finest.resolution
                 numbers[i] = f"< {finest.resolution:g}" if is_fine else f"{row.value:.4g}"
-        rows.append((f"{finest.label}{where} [{values[name, dof, model].unit}]", *numbers))
-    rows = rows[: 1 + LONGEST_LIST]
+        rows.append((f"{with_unit(finest.label + where, one.unit)}", *numbers))
     label, *widths = (max(map(len, column)) for column in zip(*rows, strict=True))
     lines = ["  ".join((f"  {row[0]:<{label}}", *map(str.rjust, row[1:], widths))) for row in rows]
     return lines if len(rows) > 1 else []

@@ -15,7 +15,7 @@ import pytest
 
 from docs.published import __main__ as program
 from docs.published.figures import objective_figure, times_figure
-from docs.published.page import summary_grids
+from docs.published.page import NOTE, published_grid, summary_grids, write_published
 from docs.published.printed import (
     COLUMNS,
     Judged,
@@ -31,6 +31,8 @@ from seatrial.runner.compare.frame import Queries, open_results
 from seatrial.runner.record.rows import Results
 from tests.published.conftest import store
 from tests.runner.compare import stored
+from tests.runner.compare.browsers import check_phone
+from tests.runner.compare.conftest import browser as browser
 
 ROOT = Path(__file__).parents[2]
 ONE = Printed(
@@ -382,3 +384,16 @@ def test_figures_of_the_sources(tmp_path: Path) -> None:
     drawn = [(line.get_label(), line.get_linestyle(), line.get_ydata()[0]) for line in axes.lines]
     assert [drawn[0], drawn[2]] == [("without JIT", "-", 0.1), ("with JIT", "-", 5.0001)]
     assert [(style, first) for _, style, first in (drawn[1], drawn[3])] == [(":", 0.1), (":", 1e-4)]
+
+
+def test_beaten_is_marked_by_a_sign_that_the_legend_names_and_never_bold() -> None:
+    grid = published_grid([Judged(ONE, "beaten", ""), Judged(ONE, "reproduced", "")])
+    assert [row[7].text for row in grid.rows] == ["+ beaten", "reproduced"]
+    assert not any(cell.bold for row in grid.rows for cell in row)
+    assert "+ beaten: the whole interval" in NOTE
+
+
+def test_the_page_fits_a_phone(browser: Any, results: Queries, tmp_path: Path) -> None:
+    page = tmp_path / "published.html"
+    write_published(results, [[Judged(ONE, "beaten", ""), Judged(ONE, "reproduced", "")]], page)
+    check_phone(browser, page)

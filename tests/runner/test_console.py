@@ -12,6 +12,8 @@ import pytest
 import yaml
 
 from seatrial.models.diagnostics import Diagnostic
+from seatrial.runner.compare.frame import open_results
+from seatrial.runner.compare.runs import headline
 from seatrial.runner.configuration.hydra_errors import CONF
 from seatrial.runner.database import LogbookWriter
 from seatrial.runner.record.rows import Results, metric
@@ -149,6 +151,33 @@ def test_what_a_trial_came_to(url: str, logbook: LogbookWriter) -> None:
     assert lines[0] == ["nominal", "identified"]
     assert lines[1][-2:] == ["0.25", "-"]
     assert [line[-2:] for line in lines[2:]] == [["<", "1e-06"]] * 4
+
+
+def test_the_lines_after_a_trial_are_those_of_show_and_a_docking_has_its_own(
+    url: str, logbook: LogbookWriter
+) -> None:
+    values = {
+        ("e_pos_mae", "position"): 0.3, ("e_psi_mae", "heading"): 2.0,
+        ("time_to_berth", "all"): 90.0, ("final_position_error", "position"): 0.01,
+        ("smallest_clearance", "all"): 0.2,
+        ("final_heading_error", "heading"): 0.5, ("contacts", "all"): 0.0,
+    }  # fmt: skip
+    rows = [
+        metric(name, "deployment", model, dof, value)
+        for (name, dof), value in values.items()
+        for model in ("nominal", "identified")
+    ]
+    run = logbook.begin_run(make_start()).run_id
+    logbook.finish_run(run, Results(rows))
+    lines = progress.result_of(run, url)[1:]
+    expected = ["Contacts", "Smallest clearance", "Time to berth", "Final position error"]
+    with open_results(url) as results:
+        shown = headline(results, run).rows
+    assert [row[0].text for row in shown] == [*expected, "Final heading error"]
+    names = [(row[0].text, row[3].text) for row in shown]
+    for line, (name, nominal) in zip(lines, names, strict=True):
+        assert line.strip().startswith(name)
+        assert float(line.split()[-2]) == float(nominal)
 
 
 def test_a_sweep_shows_its_table(url: str, logbook: LogbookWriter) -> None:

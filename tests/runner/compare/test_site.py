@@ -14,6 +14,7 @@ from seatrial.models.errors import LogbookError
 from seatrial.runner.compare.frame import open_results
 from seatrial.runner.compare.grid import number_text
 from seatrial.runner.compare.site import script_of, write_site
+from tests.benchmarks.filled import fill
 from tests.runner.compare import stored
 from tests.runner.compare.browsers import check_phone, complaints
 from tests.runner.compare.conftest import Program
@@ -245,3 +246,16 @@ def test_an_empty_logbook_has_a_page(offline: Any, tmp_path: Path) -> None:
         page = write_site(results, tmp_path / "site", "results.db", 1)
     offline.get(page.as_uri())
     assert "No runs in the logbook yet" in offline.find_element("tag name", "header").text
+
+
+@pytest.mark.nightly
+def test_the_pages_of_ten_thousand_runs_are_light(offline: Any, tmp_path: Path) -> None:
+    """They open in a second: few bytes on the disk, few elements, however many runs."""
+    with open_results(f"sqlite:///{fill(tmp_path, 10_000)}") as results:
+        page = write_site(results, tmp_path / "site", f"{tmp_path}/results.db", 1)
+    assert (page.parent / "data" / "runs.js").stat().st_size < 1_000_000
+    for name in ("index.html", "runs.html"):
+        assert (page.parent / name).stat().st_size < 600_000
+        offline.get((page.parent / name).as_uri())
+        elements = "return document.getElementsByTagName('*').length"
+        assert 100 < offline.execute_script(elements) < 8_000
