@@ -17,7 +17,7 @@ from seatrial.runner.compare.figures import PlotRequest, Several, figures
 from seatrial.runner.compare.grid import OutputFormat, TextTable, grid_of
 from seatrial.runner.configuration.invocation import DEFAULT_DATABASE
 from seatrial.runner.record.catalogue import all_declared
-from seatrial.runner.record.vocabulary import LOST
+from seatrial.runner.record.vocabulary import LOST, NOT_STARTED
 
 if TYPE_CHECKING:
     from seatrial.runner.compare.frame import Queries
@@ -28,8 +28,13 @@ def runs(
     results: "Queries", where: str | None = None, sweep: str | None = None,
     status: str | None = None, limit: int = 50,
 ) -> TextTable:  # fmt: skip
-    """List runs, newest first, including failed ones and every attempt."""
+    """List runs, newest first, including failed ones and every attempt.
+
+    --status "not started" lists the trials that were planned and never began.
+    """
     condition, _ = results.selected(where, sweep or "all")
+    if status == NOT_STARTED:
+        return compare.runs.not_started(results, condition)
     listed = compare.runs.runs_of(results, condition, [status] if status else [], limit)[:limit]
     if not listed:
         raise ConfigurationError(results.why_none(condition, status))

@@ -20,7 +20,7 @@ from seatrial.runner.database.records import RunSummary
 from seatrial.runner.database.views import run_overview
 from seatrial.runner.record.catalogue import definition_of
 from seatrial.runner.record.rows import Metric
-from seatrial.runner.record.vocabulary import DOF_ORDER, GROUPS, SAILED, STATUSES
+from seatrial.runner.record.vocabulary import DOF_ORDER, GROUPS, NOT_STARTED, SAILED, STATUSES
 
 RUN_COLUMNS = (
     *("run_id", "status", *GROUPS, "seed", "sweep", "tags", "attempt", "superseded"),
@@ -96,6 +96,17 @@ def runs_of(
     most = None if statuses else limit
     summaries = results.reader.runs(*conditions, newest_first=True, limit=most)
     return [run for run in summaries if not statuses or run.status in statuses]
+
+
+def not_started(results: Queries, condition: Condition) -> TextTable:
+    """Return the trials that a sweep planned and no run is of, as a table."""
+    trials = results.trials(condition, planned=True)
+    names = ["of_sweep", *GROUPS, "seed"]
+    chosen = trials.loc[trials["status"] == NOT_STARTED, names].astype(str).sort_values(names)
+    if chosen.empty:
+        raise ConfigurationError(results.why_none(condition, NOT_STARTED))
+    rows: list[list[Scalar]] = [[*row] for row in chosen.itertuples(index=False)]
+    return grid_of("", ["sweep", *names[1:]], rows, len(names))
 
 
 def headlines(stored: Sequence[Metric]) -> list[list[Metric | None]]:

@@ -237,3 +237,18 @@ def test_version_is_that_of_the_project(seatrial: Command, program: Program) -> 
     answer = seatrial("--version")
     assert (answer.code, answer.out, answer.err) == (0, f"seatrial {version}", "")
     assert program("--version") == (0, f"seatrial-results {version}", "")
+
+
+def test_trials_that_never_started_are_listed(
+    program: Program, logbook: LogbookWriter, folder: Path
+) -> None:
+    begins = [stored.start("ls", "noise", seed) for seed in range(3)]
+    sweep = logbook.begin_sweep("night", "command", [], 3, trials=stored.planned(begins))
+    stored.finish(logbook, begins[0], [stored.tracking(1.0)], sweep=sweep)
+    words = ("runs", "--status", "not started", *database(folder), "--format", "json")
+    code, out, _ = program(*words)
+    assert code == 0
+    waiting = [(row["identifier"], row["seed"]) for row in json.loads(out)]
+    assert waiting == [("ls", "1"), ("ls", "2")]
+    code, _, err = program(*words, "--where", "seed=0")
+    assert (code, len(err.splitlines())) == (2, 1)
