@@ -29,7 +29,7 @@ from seatrial.runner.record.catalogue import METRICS, all_declared, definition_o
 from seatrial.runner.record.vocabulary import GROUPS, LOST
 
 HEIGHT = 2.7  # of the first figure: the table below it is on the first screen [inch]
-MOST_LISTED = 500  # runs and failures on the page; the database has them all
+MOST_LISTED, MOST_TOLD = 500, 4  # runs and failures on the page; lines above the first table
 # The metrics that have a table, and whether the table is unfolded at first.
 TABLES = {
     "e_pos_mae": True, "e_psi_mae": True, "contacts": True, "smallest_clearance": True,
@@ -106,7 +106,9 @@ class _Report:
 
     def lead(self) -> Iterator[Markup]:
         """What the runs say, above all: the best rows, and how many there are and failed."""
-        yield group("answer", pages.bullets(self.answers()))
+        told = [*self.answers()]
+        rest = folded(f"{len(told[MOST_TOLD:])} more", pages.bullets(told[MOST_TOLD:]))
+        yield group("answer", pages.bullets(told[:MOST_TOLD]), *[rest][: len(told) > MOST_TOLD])
         statuses = self.results.trials(self.condition, planned=True)["status"]
         counts = sorted(Counter(statuses).items())
         pills = Markup(" ").join(pages.status(name, f"{number} {name}") for name, number in counts)

@@ -37,8 +37,7 @@ from seatrial.runner.record.vocabulary import DOFS, GROUPS, IDENTIFIED_STD, SAIL
 
 INDEX, RUNS = "index.html", "runs.html"
 MARK = '<meta name="generator" content="seatrial-results">'
-MOST_SWEEPS = 50  # that have a page, the newest ones
-MOST_FILTERS = 30  # keys of the configuration
+MOST_SWEEPS, MOST_FILTERS = 50, 30  # newest sweeps with a page; keys of the configuration
 STRETCHES = 300  # of which a line keeps the lowest and the highest sample
 DIGITS = 5  # significant
 PROGRAMS = ("elements.js", "plot.js")

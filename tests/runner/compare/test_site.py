@@ -259,3 +259,5 @@ def test_the_pages_of_ten_thousand_runs_are_light(offline: Any, tmp_path: Path) 
         offline.get((page.parent / name).as_uri())
         elements = "return document.getElementsByTagName('*').length"
         assert 100 < offline.execute_script(elements) < 8_000
+        table = offline.find_element("css selector", "main table")
+        assert table.location["y"] < 844
