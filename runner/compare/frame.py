@@ -85,6 +85,7 @@ OVERVIEW = RUN.join(run_overview, run_overview.c.run_id == RUN.c.id)
 LABELS = (*GROUPS, "seed")
 NO_LEVELS = ("of_sweep", "of_experiment", "streams", "of_code")  # columns of trials, no factors
 METRIC = ("stage", "model", "dof", "name", "value", "unit")
+TEXTS = ("stage", "model", "dof", "name", "term", "unit")
 COEFFICIENT_STAGE = "coefficient"
 
 
@@ -138,8 +139,7 @@ class Queries:
                     told = f"{name} is compared with {expected}, got {value!r}"
                     raise ConfigurationError(f"--where: {told}")
         query = sa.select(RUN.c.id, *map(level_of, named)).select_from(OVERVIEW)
-        rows = self.reader.select(query)
-        levels = pd.DataFrame([*map(tuple, rows)], columns=["", *named])
+        levels = _table(self.reader.select(query), ["", *named]).infer_objects()
         return Condition(text, runs=tuple(levels.loc[language.met(text, levels), ""]))
 
     def selected(self, where: str | None, sweep: str | None) -> tuple[Condition, str]:
@@ -196,7 +196,7 @@ class Queries:
         if not rows:
             raise ConfigurationError(self.why_none(condition))
         columns = ["run", "status", *NO_LEVELS, *names]
-        trials = pd.DataFrame([*map(tuple, rows)], columns=columns, dtype=object).set_index("run")
+        trials = _table(rows, columns).astype({"run": "int64"}).set_index("run")
         trials["streams"] = trials["streams"].map(" ".join, na_action="ignore")
         trials[names] = trials[names].map(language.as_text, na_action="ignore").fillna("none")
         if planned:
@@ -243,8 +243,9 @@ class Queries:
         """Return columns of the rows of a table that belong to the runs of a condition."""
         c = table.__table__.c
         query = sa.select(c.run_id, *(c[name] for name in columns)).order_by(c.id)
-        rows = self.reader.select(query.where(c.run_id.in_(self._ids(condition)), *where))
-        return pd.DataFrame([*map(tuple, rows)], columns=["run", *columns])
+        query = query.where(c.run_id.in_(self._ids(condition)), *where)
+        texts = TEXTS if table in (tables.MetricRow, tables.CoefficientRow) else ()
+        return _table(self.reader.select(query), ["run", *columns], texts)
 
     def metrics(
         self, names: Sequence[str], condition: Condition = EVERY_RUN,
@@ -354,6 +355,17 @@ class Queries:
         return f"no runs {'match' if narrowed else 'to show'}; the logbook has {total}"
 
 
+def _table(
+    rows: Sequence[sa.Row[Any]], columns: Sequence[str], texts: Sequence[str] = ()
+) -> pd.DataFrame:
+    """Return rows as objects, `texts` as categories: 300,000 tuples of text take 50 MB."""
+    kinds = {name: "category" if name in texts else object for name in columns}
+    cells = {
+        name: pd.Series([r[k] for r in rows], dtype=kinds[name]) for k, name in enumerate(columns)
+    }
+    return pd.DataFrame(cells)
+
+
 def _one_of(runs: Iterable[int]) -> Clause:
     """Return the SQL of being one of these runs, however many they are: no variables."""
     listed: list[int] = [*map(int, runs)]
@@ -430,10 +442,11 @@ def complete(frame: pd.DataFrame, trials: pd.DataFrame, factors: Sequence[str]) 
     kind = codes(frame, columns)
     kinds = frame.loc[~kind.duplicated(), columns]
     kinds = kinds if len(kinds) else pd.DataFrame([dict.fromkeys(columns, "")])
-    count, runs = len(kinds), trials.reset_index(names="run")
-    every = runs.merge(kinds.assign(_kind=range(count)), how="cross")
-    known = frame["run"] * count + kind
-    lacking = every[~(every["run"] * count + every["_kind"]).isin(known)].drop(columns="_kind")
+    held = np.zeros((len(trials), len(kinds)), dtype=np.bool_)
+    held[trials.index.get_indexer(frame["run"]), kind] = len(frame) > 0
+    run, number = np.nonzero(~held)
+    lacking = trials.reset_index(names="run").iloc[run].reset_index(drop=True)
+    lacking[columns] = kinds.iloc[number].reset_index(drop=True)
     status = lacking["status"].astype(str)
     reason = pd.Categorical(np.where(status == FINISHED, NOT_APPLICABLE, status), dtype=REASONS)
     whole = pd.concat([frame, lacking.assign(reason=reason, condition=-1)], ignore_index=True)

@@ -26,10 +26,11 @@ from seatrial.runner.compare import benchmark
 from seatrial.runner.compare.benchmark import AT_REST, POSITION, REFERENCES, Task
 from seatrial.runner.compare.frame import FINISHED, Queries
 from seatrial.runner.compare.grid import TableCell, TextTable, number_text
-from seatrial.runner.compare.statistics import equal, holm
+from seatrial.runner.compare.statistics import BOLD_NOTE, equal, holm, least, loss
 from seatrial.runner.configuration import search_path
 from seatrial.runner.configuration.invocation import trial_program
 from seatrial.runner.database.tables import RunRow
+from seatrial.runner.record.catalogue import Definition, definition_of
 from seatrial.runner.record.rows import Series
 from seatrial.runner.record.vocabulary import ENDINGS, NO_RESULT, TRAINING_TIME
 
@@ -44,11 +45,16 @@ LOST |= {"after": {}, "loss": math.inf}
 ENTRY = [*CELL, "entrant", "run", "status", "error", "duration_s", "training_s", *LOST]
 COMPARED = ("auto", "none", *REFERENCES)  # entrants that the summary shows beside the first one
 SUMMARY = ("task", "cells", "first", "score", "90 %", "not significantly worse", *COMPARED)
-BOLD = (
-    "bold: not significantly worse than the first, by ranks, or where there are too few cells by a"
-    " paired bootstrap of the errors, and none of its cells lost; mean_motion, persistence and"
-    " at_rest are left out"
+BOLD = f"{BOLD_NOTE}; mean_motion, persistence and at_rest are left out"
+RIVALS = (
+    "not significantly worse than the first: by ranks, or where there are too few cells by a paired"
+    " bootstrap of the errors"
 )
+METRICS = {  # of the catalogue, by the `score` of a task: its direction and resolution
+    "free_run": "velocity_fit_free_run",
+    "restarts": "velocity_fit_restarts",
+    "position": "pose_rmse_restarts",
+}
 NO_SKILL = "no skill: none, or a trivial rival, is at least as good as the first entrant"
 
 
@@ -71,19 +77,20 @@ class Ranking(NamedTuple):
         return [own for own in parts if not any({*own} < {*other} for other in parts)]
 
 
-def ranking(losses: pd.DataFrame) -> Ranking:
+def ranking(losses: pd.DataFrame, resolution: Any = 0.0) -> Ranking:
     """Rank entrants by their losses (n_cases, n_entrants); raises ValueError for NaN.
 
-    Losses that are equal share the mean of their ranks. Pairs are compared by the two-sided
-    signed-rank test of Wilcoxon on the ranks within a case, since losses of different cases have
-    different scales.
+    Losses that are equal within the resolution, one or one for each case, share the mean of their
+    ranks. Pairs are compared by the two-sided signed-rank test of Wilcoxon on the ranks within a
+    case, since losses of different cases have different scales.
     """
     if losses.isna().to_numpy().any():
         raise ValueError("losses: got NaN, expected numbers; inf for an entrant without a result")
     ranks, names = losses.astype(float), losses.columns
-    for case, row in enumerate(losses.to_numpy()):
+    for case, within in enumerate(np.broadcast_to(resolution, len(losses))):
+        row = losses.iloc[case].to_numpy()
         order = np.argsort(row, kind="stable")
-        apart = ~equal(row[order][1:], row[order][:-1])
+        apart = ~equal(row[order][1:], row[order][:-1], within)
         ranks.iloc[case, order] = scipy.stats.rankdata(np.concatenate([[0], np.cumsum(apart)]))
     pairs, p_values = list(combinations(names, 2)), list[float]()
     for one, other in pairs:
@@ -112,21 +119,53 @@ class Board:
 
     Columns are those of ENTRY: times in seconds, NaN if they are not stored; the score that ranks,
     and that of the free run; the NRMSE by horizon [s] (`after`); the loss, inf for a run that
-    failed or diverged. `losses` are of the cells that all entrants have run, `ranked` the ranks
-    over these cells, `contest` those without the references, which know what is tested on.
+    failed or diverged.
     """
 
     task: Task
     entries: pd.DataFrame
-    losses: pd.DataFrame  # (n_cells, n_entrants)
-    ranked: Ranking
-    contest: Ranking
+
+    @cached_property
+    def losses(self) -> pd.DataFrame:
+        """Losses of the cells that all entrants have run, shape (n_cells, n_entrants)."""
+        return losses_of(self.entries, CELL)
+
+    @cached_property
+    def ranked(self) -> Ranking:
+        """The ranks over these cells."""
+        return ranking(self.losses, self.resolution)
+
+    @cached_property
+    def contest(self) -> Ranking:
+        """The ranks without the references, which know what is tested on."""
+        return ranking(self.losses.drop(columns=[*REFERENCES], errors="ignore"), self.resolution)
 
     @property
     def score(self) -> str:
         """What the task ranks by, with its unit: a column of `standings`."""
         after = "" if self.task.score == "free_run" else f" after {self.task.horizons_s[-1]:g} s"
         return f"position error{after} [m]" if self.task.score == "position" else f"FIT{after} [%]"
+
+    @property
+    def metric(self) -> Definition:
+        """The metric of the score."""
+        return definition_of(METRICS[self.task.score])
+
+    @property
+    def resolution(self) -> float:
+        """Losses that differ by less are equal; that of an NRMSE is a hundredth of that of FIT."""
+        return self.metric.resolution / (1.0 if self.task.score == "position" else 100.0)
+
+    @cached_property
+    def best(self) -> pd.DataFrame:
+        """Where the `rank` and the score of an entrant are the best, of those that lost no cell."""
+        own = self.entries.groupby("entrant")["loss"]
+        whole = (own.size() == own.size().max()) & np.isfinite(own.max())
+        shown = self.standings[["rank", self.score]].astype(float)
+        shown[~whole.loc[shown.index] | shown.index.isin(REFERENCES)] = math.nan
+        shown[self.score] = loss(shown[self.score].to_numpy(), self.metric.better)
+        within = {"rank": 0.0, self.score: self.metric.resolution}
+        return shown.apply(lambda own: least(own, np.zeros(len(own)), within[str(own.name)]))
 
     @cached_property
     def rivals(self) -> list[str]:
@@ -194,13 +233,9 @@ def boards(
     run = RunRow
     query = sa.select(run.id.label("run"), run.overrides, run.status, run.error, run.duration_s)
     rows = results.reader.select(query.where(run.status.in_(ENDINGS)).order_by(run.id))
-    newest, found = {_normal(row.overrides): row for row in rows}, list[Board]()
-    for task in map(benchmark.task_of, tasks or search_path.options(benchmark.GROUP)):
-        entries = _entries(results, task, entrants, newest)
-        losses = losses_of(entries, CELL)
-        contest = ranking(losses.drop(columns=[*REFERENCES], errors="ignore"))
-        found.append(Board(task, entries, losses, ranking(losses), contest))
-    return found
+    newest = {_normal(row.overrides): row for row in rows}
+    named = map(benchmark.task_of, tasks or search_path.options(benchmark.GROUP))
+    return [Board(task, _entries(results, task, entrants, newest)) for task in named]
 
 
 def _entries(
@@ -258,19 +293,20 @@ def overall(boards: Sequence[Board]) -> list[tuple[list[Board], Ranking]]:
         groups[frozenset(board.losses) - {AT_REST}].append(board)
     for group in (group for group in groups.values() if len(group) > 1):
         entries = pd.concat([board.entries for board in group], ignore_index=True)
-        entries = entries[entries["entrant"] != AT_REST]
-        ranks.append((group, ranking(losses_of(entries, ["task", "case"]))))
+        losses = losses_of(entries[entries["entrant"] != AT_REST], ["task", "case"])
+        resolution = {board.task.name: board.resolution for board in group}
+        each = losses.index.get_level_values("task").map(resolution).to_numpy(np.float64)
+        ranks.append((group, ranking(losses, each)))
     return ranks
 
 
 def leaderboard(board: Board) -> TextTable:
-    """Return the table of a task: its standings, with the first and its equals in bold."""
+    """Return the table of a task: its standings, the best rank and score in bold."""
     rows, cells = list[list[TableCell]](), board.ranked.cases
     for name, row in board.standings.iterrows():
-        best = name in board.rivals and row["diverged"].startswith("0 ")
-        bold = dict.fromkeys(("rank", board.score), best)
-        rows.append([TableCell(str(name), best)])
-        rows[-1] += [_cell(value, bold.get(str(header), False)) for header, value in row.items()]
+        bold = board.best.loc[name]
+        shown = (_cell(value, bool(bold.get(header, False))) for header, value in row.items())
+        rows.append([TableCell(str(name)), *shown])
     notes = [
         f"{cells} cell{'s'[: cells != 1]} that all entrants have run; rank: mean over them, 1 is"
         " best; FIT, NRMSE, band, CRPS: of cells that did not diverge",
@@ -295,17 +331,18 @@ def summary(boards: Sequence[Board]) -> TextTable:
     for board in (board for board in boards if len(board.entries)):
         (first, *others), means = board.rivals, board.losses.mean()
         trivial = [name for name in means.index if name in (*REFERENCES, "none")]
-        skilled = first not in trivial and (means[first] < means[trivial]).all()
+        apart = ~equal(means[trivial].to_numpy(), means[first], board.resolution)
+        skilled = first not in trivial and (apart & (means[first] < means[trivial])).all()
         told = "" if board.task.score == "free_run" else f": {board.score}"
         texts = [f"{board.task.title}{told}", str(board.contest.cases)]
         texts.append(first if skilled else f"{first} (no skill)")
         rows.append([
-            *map(TableCell, texts), _counted(board, first, False),
+            *map(TableCell, texts), _counted(board, first),
             _cell(board.standings.get("90 %", {}).get(first, math.nan)),
             TableCell(", ".join(others) or "–", prose=True),
-            *(_counted(board, name, name in board.rivals) for name in COMPARED),
+            *(_counted(board, name) for name in COMPARED),
         ])  # fmt: skip
-    notes = ["score: FIT [%] of the free runs, if the task names no other", BOLD]
+    notes = ["score: FIT [%] of the free runs, if the task names no other", BOLD, RIVALS]
     notes += [NO_SKILL] if any("(no skill)" in row[2].text for row in rows) else []
     for group, ranks in overall(boards):
         order = ", ".join(f"{name} {rank:.1f}" for name, rank in ranks.mean_ranks.items())
@@ -314,10 +351,10 @@ def summary(boards: Sequence[Board]) -> TextTable:
     return TextTable("Benchmark", SUMMARY, rows, notes=notes)
 
 
-def _counted(board: Board, name: str, rival: bool) -> TableCell:
+def _counted(board: Board, name: str) -> TableCell:
     """The score of an entrant, with the number of the cells that it lost."""
     if name not in board.standings.index:
-        return TableCell("–", rival)
+        return TableCell("–")
     score, diverged = board.standings.loc[name, [board.score, "diverged"]]
     lost = "" if diverged.startswith("0 ") else f" ({diverged} lost)"
-    return _cell(score, rival and not lost, lost)
+    return _cell(score, bool(board.best.loc[name, board.score]), lost)

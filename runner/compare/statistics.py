@@ -35,6 +35,7 @@ DEFAULT = ("mean", "std", "n")
 COMPARED = ("identifier", "controller", "update")
 MARK, UNSETTLED, INFEASIBLE = "†", "‡", "§"  # below the true model; flaws of a controller's design
 MARKS = {MARK: "below_true_model", UNSETTLED: "unsettled", INFEASIBLE: "infeasible"}  # of cells
+BOLD_NOTE = "bold: the best under equal conditions and seeds, of cells that lost no run"
 COUNTS = {reason: reason.replace(" ", "_") for reason in frames.REASONS.categories[1:]}  # of cells
 COUNTS[frames.DIVERGED] = "diverged_predictions"
 
@@ -91,6 +92,13 @@ def equal(first: Sample, other: Sample | float, resolution: Any = 0.0) -> NDArra
     with np.errstate(invalid="ignore"):  # inf - inf
         near = np.abs(first - other) <= np.maximum(EQUAL * size, resolution)
     return np.asarray((first == other) | (near & np.isfinite(size)))
+
+
+def least(losses: "pd.Series[float]", group: Any, resolution: Any = 0.0) -> "pd.Series[bool]":
+    """Say which losses to set in bold: the least of a group in which two or more are known."""
+    own = losses.groupby(group)
+    lowest, several = own.transform("min").to_numpy(), own.transform("count") > 1
+    return equal(losses.to_numpy(), lowest, resolution) & several
 
 
 def loss(values: Sample, better: Better) -> Sample:
@@ -282,8 +290,7 @@ def best_cells(table: Pivot, groups: pd.DataFrame, statistic: str) -> "pd.Series
         losses[:] = [math.nan if better is None else loss(v, better) for v, better in each]
     losses = losses.where(whole & ~spoilt)
     resolution = np.array([0.0 if "true_value" in cells else d.resolution for d in definitions])
-    lowest = losses.groupby(group).transform("min").to_numpy()
-    return equal(losses.to_numpy(), lowest, resolution) & (group.map(group.value_counts()) > 1)
+    return least(losses, group, resolution)
 
 
 def against_baseline(

@@ -42,7 +42,6 @@ TEST_NOTE = (
     " (better in every pair) to -1; won is the number of pairs in which it is better, of all pairs,"
     " lost ones included"
 )
-BOLD_NOTE = "bold: the best under equal conditions and seeds, of cells that lost no run"
 ESTIMATE_NOTE = (
     "se of the estimate: an interval of this identifier is one of its estimate, not of the"
     " coefficient, because it does not include the bias"
@@ -251,7 +250,7 @@ class _Comparison:
 
     def _qualifications(self) -> list[str]:
         cells, apart = self.cells, ", ".join(self.apart)
-        notes = [BOLD_NOTE] if cells["best"].any() else []
+        notes = [stats.BOLD_NOTE] if cells["best"].any() else []
         told = f"split by {apart}, in which runs of one cell differ (--pool {{}} averages over it)"
         notes += [told.format(apart.replace(" ", ""))] if apart else []
         if pooled := self.options.pool:

@@ -96,6 +96,13 @@ def test_losses_that_differ_by_rounding_share_their_rank() -> None:
     assert best(result) == ["a", "b"]
 
 
+def test_losses_below_the_resolution_share_their_rank_each_case_by_its_own() -> None:
+    table = pd.DataFrame([[1e-9, 3e-9], [0.1, 0.3]], columns=[*"ab"])
+    assert [*ranking(table).mean_ranks] == [1.0, 2.0]
+    assert [*ranking(table, 1e-8).mean_ranks] == [1.25, 1.75]
+    assert [*ranking(table, np.array([1e-8, 1.0])).mean_ranks] == [1.5, 1.5]
+
+
 def test_no_number_is_refused() -> None:
     with pytest.raises(ValueError, match="got NaN, expected numbers"):
         ranked([[1.0, np.nan]])

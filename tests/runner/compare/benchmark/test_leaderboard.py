@@ -135,13 +135,30 @@ def test_who_is_no_better_than_a_trivial_rival_has_no_skill(
     assert rows(shown("--summary"))["task"][FIRST] == first
 
 
-def test_who_lost_a_cell_is_not_bold_and_who_failed_is_no_rival(shown: Callable[..., str]) -> None:
-    store("task", {"ls": [[0.1] * 4], "ridge": [[0.1] * 3 + [None]], "iv": [[None] * 4]})
-    found = rows(shown())
-    assert {name for name, own in found.items() if own[0].startswith("**")} == {"ls"}
-    assert "1 of 4" in found["ridge"]
-    assert "4 of 4" in found["iv"]
-    assert rows(shown("--summary"))["task"][RIVALS] == "–"
+def test_bold_is_the_best_of_those_that_lost_no_cell(shown: Callable[..., str]) -> None:
+    """Not who is merely not significantly worse, nor who is compared with nobody."""
+    lost = {"ridge": [[0.3] * 4 + [None]], "iv": [[None] * 5]}
+    store("two", {"ls": [[0.1] * 5], "auto": [[0.12] * 3 + [0.09] * 2], **lost})
+    store("alone", {"ls": [[0.1] * 5], **lost})
+    text = shown()
+    assert sum(line.count("**") == 4 for line in text.splitlines() if line.startswith("| ")) == 1
+    found = rows(text)
+    assert "1 of 5" in found["ridge"]
+    assert "5 of 5" in found["iv"]
+    summary = rows(shown("--summary"))
+    assert (summary["two"][3], summary["two"][RIVALS]) == ("**90.0**", "auto")
+    assert summary["two"][RIVALS + 1] == summary["two"][RIVALS + 1].strip("*")
+    assert summary["alone"][3] == "90.0"
+    assert summary["alone"][RIVALS] == "–"
+
+
+def test_ranks_know_the_resolution_and_leave_out_who_is_at_rest(shown: Callable[..., str]) -> None:
+    """Positions to a nanometre are equal; a task of position has a trivial rival more."""
+    store("near", {"ls": [[1e-9] * 5], "ridge": [[3e-9] * 5]}, "position")
+    store("other", {"ls": [[0.1]], "ridge": [[0.2]]})
+    said = shown("--summary")
+    assert said.count("mean ranks over 2 cases") == 1
+    assert ": ls 1.2, ridge 1.8" in said
 
 
 def test_a_task_of_restarts_is_ranked_by_them(shown: Callable[..., str]) -> None:
@@ -149,13 +166,13 @@ def test_a_task_of_restarts_is_ranked_by_them(shown: Callable[..., str]) -> None
     losses = {"ls": [[0.1] * 5], "ridge": [[0.4] * 5]}
     store("task", losses, "restarts")
     found = rows(shown("--summary"))["task: FIT after 1 s [%]"]
-    assert found[FIRST : FIRST + 2] == ["ridge", "40.0"]
+    assert found[FIRST : FIRST + 2] == ["ridge", "**40.0**"]
 
 
 def test_a_task_of_position_is_ranked_by_the_distance(shown: Callable[..., str]) -> None:
     """It moves to and fro by 1 m: so far from it is who stays where it was."""
     store("task", {"ls": [[0.1] * 5], "ridge": [[0.4] * 5]}, "position")
     found = rows(shown("--summary"))["task: position error after 1 s [m]"]
-    assert found[FIRST : FIRST + 3] == ["ls", "0.100", "–"]
+    assert found[FIRST : FIRST + 3] == ["ls", "**0.100**", "–"]
     assert found[-1] == "1.00"
     assert rows(shown())["ls"][2] == "**0.100**"
