@@ -50,11 +50,6 @@ RIVALS = (
     "not significantly worse than the first: by ranks, or where there are too few cells by a paired"
     " bootstrap of the errors"
 )
-METRICS = {  # of the catalogue, by the `score` of a task: its direction and resolution
-    "free_run": "velocity_fit_free_run",
-    "restarts": "velocity_fit_restarts",
-    "position": "pose_rmse_restarts",
-}
 NO_SKILL = "no skill: none, or a trivial rival, is at least as good as the first entrant"
 
 
@@ -148,8 +143,9 @@ class Board:
 
     @property
     def metric(self) -> Definition:
-        """The metric of the score."""
-        return definition_of(METRICS[self.task.score])
+        """The metric of the catalogue that has the direction and the resolution of the score."""
+        position = self.task.score == "position"
+        return definition_of("pose_rmse_restarts" if position else "velocity_fit_restarts")
 
     @property
     def resolution(self) -> float:

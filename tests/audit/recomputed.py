@@ -76,7 +76,7 @@ def table(
         for index, loss in losses.items():
             lowest = min(losses.values())
             same = abs(loss - lowest) <= max(1e-6 * max(abs(loss), abs(lowest)), RESOLUTION)
-            result.loc[index, "best"] = same and len(part) > 1
+            result.loc[index, "best"] = same and len(losses) > 1
     return result
 
 
