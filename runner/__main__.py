@@ -82,6 +82,7 @@ def main() -> int:
 
 
 def _main(stop: StopSignals, words: list[str], traceback_wanted: bool) -> int:
+    invocation.collect_garbage_seldom()
     invocation.import_from_working_folder()
     NewWarnings.known.clear()
     session, arguments = Session(), Namespace(overrides=[])

@@ -15,12 +15,17 @@ from seatrial.models.errors import SeatrialError
 from seatrial.runner.compare import commands  # noqa: F401 - adds the commands
 from seatrial.runner.compare.cli import app, run_typer
 from seatrial.runner.configuration import plugins
-from seatrial.runner.configuration.invocation import import_from_working_folder, replaced
+from seatrial.runner.configuration.invocation import (
+    collect_garbage_seldom,
+    import_from_working_folder,
+    replaced,
+)
 from seatrial.runner.database.terminal import error_line, refuse_passwords
 
 
 def main() -> None:
     """Run the command line and exit; a user error is printed as one line on stderr."""
+    collect_garbage_seldom()
     import_from_working_folder()
     sys.exit(run(sys.argv[1:]))
 
