@@ -44,6 +44,10 @@ def test_every_number_of_a_vessel_has_a_source() -> None:
         assert all(len(source) > 5 for source in vessel.sources.values()), name
 
 
+def test_it_is_short() -> None:
+    assert len((ROOT / "README.md").read_text().splitlines()) <= 120
+
+
 @pytest.mark.nightly
 def test_tables_are_those_of_the_demo(tmp_path: Path) -> None:
     recipe = completed("make", "--dry-run", "demo").stdout

@@ -22,6 +22,9 @@ from seatrial.runner.configuration.invocation import (
 )
 from seatrial.runner.database.terminal import error_line, refuse_passwords
 
+# What a first word may be meant as that is no command, nor similar to one.
+MEANT = {"list": "runs", "help": "--help"}
+
 
 def main() -> None:
     """Run the command line and exit; a user error is printed as one line on stderr."""
@@ -46,6 +49,8 @@ def run(words: Sequence[str]) -> int:
             if instead and text.split()[-1] in message:  # which is about this word
                 message = f"{text} is gone: {instead}"
                 break
+        if message.startswith("No such command") and (command := MEANT.get(words[0])):
+            message += f" Did you mean '{command}'?"
         if message:  # else the help was printed
             print(f"{app.info.name}: {error_line(message)}", file=sys.stderr)
         return 2

@@ -131,6 +131,8 @@ REFUSED = (
     (["plot", "residual", "--run", "5"], "run 5 has no series residual"),
     (["sql", "DELETE FROM run"], "sql: "),
     (["tables"], "No such command 'tables'"),
+    (["list"], "No such command 'list'. Did you mean 'runs'?"),
+    (["help"], "No such command 'help'. Did you mean '--help'?"),
     (["published", "--summary"], "published is gone: in a checkout, use make published"),
     (["runs", "-f", "csv-plain"], "csv-plain is gone: use csv"),
     (["runs", "--tag", "x"], "--tag is gone: use --sweep"),
