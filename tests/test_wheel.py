@@ -119,6 +119,7 @@ def test_the_wheel_holds_every_file_under_one_name(wheel: Path) -> None:
         if path.is_file() and path.parent.name != "__pycache__"
     }
     assert sorted(files) == sorted(tree | {"seatrial/__init__.py", "seatrial/py.typed"})
+    assert wheel.stat().st_size <= 1_500_000
 
 
 @pytest.mark.nightly
