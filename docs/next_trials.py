@@ -12,7 +12,6 @@ circles to both sides and zig-zags, repeated until the interval is reached.
 import json
 from argparse import ArgumentParser
 from collections.abc import Callable, Iterator
-from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -20,15 +19,6 @@ import numpy as np
 from scipy.stats import binomtest
 
 from seatrial.models.errors import SeatrialError
-from seatrial.models.excitation.helm_sequence import HelmSequence
-from seatrial.models.excitation.next_experiment import (
-    NORMAL_90,
-    SPARE,
-    Belief,
-    Purpose,
-    doubted,
-    ranked,
-)
 from seatrial.models.identification.free_parameters import WINDAGE, free_parameters, with_devices
 from seatrial.models.identification.free_run_fit import (
     Effort,
@@ -38,19 +28,17 @@ from seatrial.models.identification.free_run_fit import (
     grown,
     segments,
 )
+from seatrial.models.identification.next_experiment import NORMAL_90, Belief, Purpose, ranked
 from seatrial.models.identification.uncertainty import parameter_covariance
 from seatrial.models.identification.validation import restart_length
 from seatrial.models.recording.recording import Recording, end_to_end
 from seatrial.models.simulation.voyage import recording_of
 from seatrial.models.vessel.basis import Array
-from seatrial.models.vessel.devices.device import with_parameters
 from seatrial.models.vessel.table import Vessel
 from seatrial.models.vessel.thruster import SecondOrderLag
-from seatrial.runner.commands.next import trial_of
+from seatrial.runner.commands import next as command
 from seatrial.runner.configuration.config import Trial
-from seatrial.runner.trials import next_experiment
 from seatrial.runner.trials.closed_loop import Streams, prepare
-from seatrial.runner.trials.next_experiment import Candidate, SequencePlanner, planner_of
 
 FILE = Path(__file__).parent / "next_trials.json"
 TASKS = {  # vessel: purpose, target [%]
@@ -66,21 +54,6 @@ EFFORT = Effort(2, 8, 1e-4)
 State = tuple[Array, Array]  # u (m,) and its information (m, m)
 
 
-def about(belief: Belief, u: Array) -> Belief:
-    """Draws with the same deviations about other coordinates u (m,); some may not be sailed."""
-
-    def at(u: Array) -> Vessel:
-        terms, values = belief.draws[0].terms, belief.values + belief.basis @ u
-        theta, devices = np.split(values, [len(terms) * len(belief.model.dofs)])
-        table = belief.model.on(terms)
-        theta = theta.reshape(table.theta.shape)
-        own = with_parameters(belief.model.devices, devices.tolist())
-        return replace(table, theta=theta, devices=own)
-
-    near = belief.u[: 2 * (SPARE + belief.u.shape[1])]
-    return Belief(at(u), [at(u + each) for each in near], near, belief.basis)
-
-
 class Estimator:
     """The belief and the recordings so far: a fit of free runs to all of them from the prior.
 
@@ -89,15 +62,12 @@ class Estimator:
     """
 
     def __init__(self, belief: Belief, lag: SecondOrderLag | None) -> None:
-        model, theta = belief.model.on(belief.draws[0].terms), belief.basis
-        unsure = [label for label, row in zip(belief.labels, theta, strict=True) if np.any(row)]
-        table = [label for label in unsure if label not in model.installed.labels]
+        own, model = belief.free, belief.free.nominal
+        table, devices = own.labels[: own.of_devices.start], own.labels[own.of_devices]
         free = free_parameters(model, [*table, *WINDAGE], "free", False)
-        devices = [label for label in unsure if label not in table]
-        self.free, self.lag = with_devices(free, devices) if devices else free, lag
+        self.free, self.lag = with_devices(free, devices), lag
         self.own = np.array([label not in WINDAGE for label in self.free.labels])
-        rows = [belief.labels.index(label) for label in np.array(self.free.labels)[self.own]]
-        self.into = np.linalg.pinv(belief.basis[rows])  # u of p - p_hat
+        self.into = np.linalg.inv(belief.basis)  # u of p - p_hat
         size = np.abs(self.free.values) * DOUBT / NORMAL_90
         self.deviation = np.where(self.own, size, WINDAGE_SI)
         self.change, self.data = np.zeros(len(size)), list[Recording]()
@@ -139,36 +109,36 @@ IMO = {  # circles to both sides with the largest helm; zig-zags 10/10 and 20/20
 def trial(task: str, seeds: int) -> Iterator[dict[str, object]]:
     """Time, width and error of each arm and seed of a vessel."""
     name, target = TASKS[task]
-    noisy, windy = trial_of(task, "noise"), trial_of(task, "[wind,noise]")
-    known = next_experiment.nominal(noisy, DOUBT)
-    planner = planner_of(known, None, (0.0, 0.0, 0.0), np.inf)
+    windy, known = command.trial_of(task, "[wind,noise]"), command.nominal(task, DOUBT)
+    planner = command.Planner(known, None, (0.0, 0.0, 0.0), np.inf)
     belief, candidates = known.belief, planner.candidates
-    told = np.array([known.information(each.motion) for each in candidates])
+    told = np.array([each.information for each in candidates])
     seconds = np.array([each.seconds for each in candidates])
-    value, _ = next_experiment.value_of(known, name)
+    value = command.value_of(known, name)
     fixed = d_optimal(told, seconds)
     names = [candidate.name for candidate in candidates]
-    standard = [names.index(each) for each in IMO[isinstance(noisy.excitation, HelmSequence)]]
+    standard = [names.index(each) for each in IMO[planner.steered]]
     orders: dict[str, Callable[[int, Purpose, Array], int]] = {
         "next": lambda k, purpose, H: ranked(purpose, H, told, seconds)[0],
         "D-optimal": lambda k, purpose, H: fixed[k % len(fixed)],
         "IMO": lambda k, purpose, H: standard[k % len(standard)],
     }
-    m = belief.u.shape[1]
+    m = len(known.zero)
     for seed in range(seeds):
-        truth = doubted(belief.model, DOUBT, np.random.default_rng(1000 + seed), 1.0)
-        real = float(value(truth)[0])
+        u = np.random.default_rng(1000 + seed).standard_normal(m)
+        truth, real = belief.at(u), float(value(u)[0])
         for arm in ARMS:
             state, spent, width = (np.zeros(m), np.eye(m)), 0.0, np.inf
-            purpose, centre = _purpose(belief, value, state, name)
-            estimator = Estimator(belief, noisy.vessel.thruster)
+            purpose, centre = command.purpose_of(known, name), float(value(state[0])[0])
+            estimator = Estimator(belief, windy.vessel.thruster)
             for k in range(MOST):
                 number = orders[arm](k, purpose, state[1] - np.eye(m))
                 data = _sailed(planner, windy, candidates[number], truth, 100 * seed + k)
                 spent += float(seconds[number])
                 try:
                     state = estimator.updated(data)
-                    purpose, centre = _purpose(belief, value, state, name)
+                    purpose = command.purpose_of(known, name, u=state[0])
+                    centre = float(value(state[0])[0])
                 except SeatrialError:  # the estimate cannot be sailed: not reached
                     width = float("inf")
                     break
@@ -190,21 +160,11 @@ def d_optimal(told: Array, seconds: Array) -> list[int]:
     return found
 
 
-def _purpose(
-    belief: Belief, value: Callable[[Vessel], Array], state: State, name: str
-) -> tuple[Purpose, float]:
-    """The purpose in percent about the present estimate, and what is predicted."""
-    near = about(belief, state[0])
-    own = value(near.model)
-    gradient = near.gradient(np.array([value(each) for each in near.draws]), own)
-    return Purpose(name, 100.0 * gradient / own), float(own[0])
-
-
 def _sailed(
-    planner: SequencePlanner, windy: Trial, candidate: Candidate, truth: Vessel, seed: int
+    planner: command.Planner, windy: Trial, candidate: command.Candidate, truth: Vessel, seed: int
 ) -> Recording:
     """The recording of the true vessel in noise and wind."""
-    mission = planner.mission({candidate.name: candidate.own})
+    mission = planner.sailing(planner.family, (candidate.own,))
     setup = prepare(windy, Streams(seed), windy.vessel.nominal(), mission, true=truth)
     voyage = setup.sail().voyage
     return recording_of(voyage, voyage.weather)

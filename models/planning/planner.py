@@ -30,7 +30,6 @@ from numpy.typing import NDArray
 
 from seatrial.models.compiled import kernel
 from seatrial.models.errors import ConfigurationError
-from seatrial.models.planning.dubins import Arc, poses_at
 from seatrial.models.ranges import NotNegative, check_ranges
 from seatrial.models.vessel.basis import Array
 from seatrial.models.vessel.kinematics import in_body, in_ned, wrap
@@ -225,9 +224,12 @@ def basic(heading: int, cell_m: float, pace: Pace) -> dict[str, Array]:
     ahead = cell_m * (np.sqrt(2.0) if diagonal else 1.0)
     moves = {"straight": pace.line(still, np.array([ahead, 0.0, 0.0]))}
     s = (run + arc) * pace.shares(run + arc, HEADING_STEP)
+    first = run * diagonal  # the line before the arc; after it is the rest of `run`
+    turn, after = np.clip(s - first, 0.0, arc) / radius, np.maximum(s - first - arc, 0.0)
+    north = np.minimum(s, first) + radius * np.sin(turn) + after * np.cos(HEADING_STEP)
+    east = radius * (1.0 - np.cos(turn)) + after * np.sin(HEADING_STEP)
     for side, name in ((1, "starboard"), (-1, "port")):
-        path = (Arc(0, run * diagonal), Arc(side, arc), Arc(0, run))
-        moves[f"arc_{name}"] = poses_at(still, path, radius, s)
+        moves[f"arc_{name}"] = np.column_stack([north, side * east, side * turn])
         moves[f"pivot_{name}"] = pace.line(still, np.array([0.0, 0.0, side * HEADING_STEP]))
     return moves
 

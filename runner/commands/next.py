@@ -1,41 +1,57 @@
 """`seatrial next`: what to sail next, for a purpose, from what is known by now.
 
-Its files have positions in metres, x east and y north, or with an origin in degrees.
+Runs are identified once more, all recordings together, by the identifier of the last one.
+Candidates of a steered vessel are those of `excitation=helm_sequence`, joined by arcs of its
+turning circle, with what is really turned simulated each time. A vessel that is commanded by forces
+has those of `excitation=optimal_design`, which that excitation plans. Without an area there are no
+joins. Files have positions in metres, x east and y north, or with an origin in degrees.
 """
 
 import json
 import re
 from collections.abc import Iterator, Sequence
+from contextlib import suppress
+from dataclasses import dataclass, replace
+from functools import cached_property
+from itertools import chain, product
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated
-from xml.sax.saxutils import escape
+from typing import TYPE_CHECKING, Annotated, Any, NamedTuple
 
 import numpy as np
 import typer
 import yaml
 
 from seatrial.models.errors import ConfigurationError, SeatrialError
-from seatrial.models.excitation.helm_sequence import HelmSequence
-from seatrial.models.notation import PLANAR
+from seatrial.models.excitation.helm_sequence import HelmSequence, HelmStep, join
+from seatrial.models.excitation.missions import Mission
+from seatrial.models.identification.next_experiment import (
+    Belief,
+    Purpose,
+    Value,
+    doubted,
+    information,
+    learnt,
+    ranked,
+)
+from seatrial.models.identification.problem import Problem
+from seatrial.models.notation import MEASURES, PLANAR, OrderedManoeuvre
 from seatrial.models.planning.harbour import in_metres, shapes_of
 from seatrial.models.planning.planner import Waters
-from seatrial.models.recording.recording import Recording
+from seatrial.models.recording.recording import Recording, end_to_end
+from seatrial.models.simulation.manoeuvre_sheet import DEVIATION_SHARE, Measures, sheet, track_of
 from seatrial.models.vessel.basis import Array
+from seatrial.models.vessel.kinematics import in_ned
 from seatrial.runner.compare.cli import run_typer
 from seatrial.runner.compare.frame import open_results
 from seatrial.runner.configuration.config import Trial, build_trial
 from seatrial.runner.configuration.invocation import DEFAULT_DATABASE
 from seatrial.runner.record.vocabulary import GROUPS
 from seatrial.runner.sweeps import in_process
-from seatrial.runner.trials.next_experiment import (
-    Sailed,
-    SequencePlanner,
-    after_runs,
-    nominal,
-    planner_of,
-    purpose_of,
-    sequence,
-)
+from seatrial.runner.trials.checks import evaluated
+from seatrial.runner.trials.closed_loop import Streams, prepare
+from seatrial.runner.trials.deployment_metrics import mission_metrics
+from seatrial.runner.trials.manoeuvre_results import UNABLE, sailed
+from seatrial.runner.trials.trial import excite, identify
 
 if TYPE_CHECKING:
     import pymap3d
@@ -47,7 +63,16 @@ else:
     shapely = lazy_loader.load("shapely")
 
 app = typer.Typer(name="seatrial next", pretty_exceptions_enable=False, add_completion=False)
-HALF_A_SAMPLE = 0.05  # [s]
+DRAWS = 400  # of the distribution of runs
+APPROACH = 3.0  # on a straight course before a manoeuvre [L / U]
+MEASURED = {"turn": 4.0, "zigzag": 6.0}  # slowness of the candidates that are measured
+ZIGZAG_DEG, ZIGZAG_SHARE = 10.0, 0.3  # of it: its helm, or the share of one that is no angle
+STEERED = 0.02  # of the largest helm, below which it keeps a course
+EVERY = 25  # samples of a circle of which one is predicted
+JOIN_SHARE = 0.6  # of the largest helm, in joins
+HEADINGS = 8  # at which a candidate may begin
+TRIED = 12  # candidates that are simulated in turn
+OF_TRIAL = {"vessel": "${vessel}", "period_s": "${sample_time_s}", "draw_seed": "${seed}"}
 FOR = (
     "What is to be predicted and half its 90 % interval over its value: tactical_diameter=3%, "
     "first_overshoot=10%, coefficients=10%, sway.v=5%, FIT=2%, e_pos=5%."
@@ -75,40 +100,37 @@ def next_experiment(
     output: Annotated[Path, typer.Option(help="Folder of the files.")] = Path("results/next"),
     database: Annotated[str, typer.Option(help="Of the runs.")] = DEFAULT_DATABASE,
 ) -> None:
-    """Choose what to sail next, and write its sheet, its track and its YAML."""
+    """Choose what to sail next, and write its track and its YAML."""
     match = re.fullmatch(r"\s*([^=]+?)\s*=\s*(\d+\.?\d*|\.\d+)\s*%?\s*", purpose)
     if match is None or not (target := float(match[2])):
         raise ConfigurationError(f"next: --for {purpose}: expected PURPOSE=WIDTH such as FIT=2%")
-    where = _numbers("origin", origin, 2) if origin else None
-    pose = _numbers("start", start, 3)
+    where, pose = _numbers("origin", origin, 2) if origin else None, _numbers("start", start, 3)
     waters = None if area is None else read_waters(area, where, clearance)
     if bool(after) == bool(vessel) or not 0.0 < doubt < 1.0:
         raise ConfigurationError("next: expected --after RUNS, or --vessel NAME and --doubt < 1")
-    if after:
-        trials, source = _stored(after, database), f"runs {after}"
-        known = after_runs(trials, trial_of(trials[-1].names["vessel"]))
-    else:
-        trials, source = [], f"nominal model, doubt {100.0 * doubt:g} %"
-        known = nominal(trial_of(vessel, "noise"), doubt)
-    wanted = purpose_of(known, match[1], trials[-1] if trials else None)
-    now, expected = wanted.width(), getattr(trials[-1].excitation, "expected", {}) if trials else {}
-    lines = [f"{known.trial.vessel.name}, {source}: {wanted.text} ± {now:.3g} %"]
-    if (value := (expected or {}).get(wanted.name)) is not None:
-        lines.insert(0, f"expected ± {value:.3g} %, came ± {now:.3g} %")
+    last, known = None, nominal(vessel, doubt) if vessel else None
+    if known is None:
+        trials = _stored(after, database)
+        last, known = trials[-1], after_runs(trials)
+    wanted = purpose_of(known, match[1], last)
+    now, expected = wanted.width(), (last and getattr(last.excitation, "expected", None)) or {}
+    came = expected.get(wanted.name)
+    lines = [] if came is None else [f"expected ± {came:.3g} %, came ± {now:.3g} %"]
+    source = f"runs {after}" if after else f"nominal model, doubt {100.0 * doubt:g} %"
+    lines.append(f"{known.trial.vessel.name}, {source}: {wanted.text} ± {now:.3g} %")
     if now <= target:
         typer.echo("\n".join([*lines, f"{target:g} % reached: nothing is to be sailed"]))
         return
-    planner = planner_of(known, waters, pose, 60.0 * minutes)
-    told = np.array([known.information(each.motion) for each in planner.candidates])
-    sailed, widths = sequence(wanted, target, told, planner)
-    best = f"is not reached in {minutes:g} min: the best that was found is {widths[-1]:.3g} %"
-    reached = f"reached after {sailed.seconds / 60.0:.1f} min"
-    lines += [*_sheet(planner, sailed, widths), f"{target:g} % "]
-    typer.echo("\n".join(lines) + (best if widths[-1] > target else reached))
-    node = {**planner.node(sailed), "expected": {wanted.name: widths[-1]}}
-    marks = [(begin, planner.candidates[number].name) for begin, number in sailed.chosen]
+    plan, width = sequence(wanted, target, Planner(known, waters, pose, 60.0 * minutes))
+    for begin, text in plan.rows():
+        lines.append(f"{int(begin // 60):3d}:{begin % 60:04.1f}  {text}")
+    best = f"is not reached in {minutes:g} min: the best that was found is ± {width:.3g} %"
+    reached = f"reached after {plan.mission.duration_s / 60.0:.1f} min: then ± {width:.3g} %"
+    typer.echo("\n".join([*lines, f"{target:g} % {best if width > target else reached}"]))
+    own = {key: value for key, value in OF_TRIAL.items() if key in plan.node}
+    node = {**plan.node, **own, "expected": {wanted.name: width}}
     try:
-        files = write_files(output, node, sailed.motion, marks, waters, where)
+        files = write_files(output, node, plan.motion, waters, where)
     except OSError as error:
         raise ConfigurationError(f"{output}: cannot be written: {error.strerror}") from error
     typer.echo("wrote " + ", ".join(map(str, files)))
@@ -158,26 +180,316 @@ def trial_of(vessel: str, disturbance: str = "calm") -> Trial:
     return trial
 
 
-def _sheet(planner: SequencePlanner, sailed: Sailed, widths: Sequence[float]) -> Iterator[str]:
-    """Lines of times, helm or phases, and the interval expected after each manoeuvre."""
-    mission, said, last = sailed.mission, [*zip(sorted(sailed.chosen), widths[1:], strict=True)], ""
-    if isinstance(mission, HelmSequence):
-        rows = [*mission.rows()]
-    else:
-        edges = mission.period_s * np.array(mission.schedule.edges)
-        rows = [*zip(edges, (phase.kind for phase in mission.schedule.phases), strict=False)]
-    for begin, text in rows:
-        if said and said[0][0][0] <= begin + HALF_A_SAMPLE:
-            (_, number), width = said.pop(0)
-            yield f"{_clock(begin)}  {planner.candidates[number].name}: then ± {width:.3g} %"
-        if text != last:
-            yield f"{_clock(begin)}    {text}"
-        last = text
-    yield f"{_clock(sailed.seconds)}  end"
+@dataclass(frozen=True, eq=False)
+class Known:
+    """What is known: the distribution, and the errors of velocities by which more is learnt."""
+
+    trial: Trial  # of the vessel in calm water; its excitation is the family of the candidates
+    belief: Belief
+    deviation: Array  # (n_dof,) [m/s, rad/s]
+    scale: float = 1.0  # of independent samples in one
+
+    def information(self, motion: Recording) -> Array:
+        """What a motion tells, shape (m, m)."""
+        J, _ = self.belief.free_runs(motion, self.trial.vessel.thruster)
+        return self.scale * information(J, self.deviation)
+
+    def sailed(self, mission: Mission, u: Array | float = 0.0) -> Recording:
+        """The motion of the model at u (m,), by default of the one that is known, in calm water."""
+        return sailed(self.trial, mission, self.belief.at(self.zero + u))
+
+    @property
+    def zero(self) -> Array:
+        """Coordinates u (m,) of the model that is known."""
+        return np.zeros(self.belief.basis.shape[1])
 
 
-def _clock(seconds: float) -> str:
-    return f"{int(seconds // 60):3d}:{seconds % 60:04.1f}"
+def after_runs(trials: Sequence[Trial]) -> Known:
+    """What is known after the recordings of trials; raises SeatrialError if nothing can be.
+
+    A sample counts by the scale with which their information would be the one that was identified,
+    I: a prior told more than the recordings in some directions, so by the largest eigenvalues.
+    """
+    last, seeds = trials[-1], [Streams(trial.seed) for trial in trials]
+    recording = end_to_end([excite(*each).recording for each in zip(trials, seeds, strict=True)])
+    problem = Problem(recording, recording, last.vessel.nominal(), last.vessel.thruster)
+    result = identify(last, problem, seeds[-1])
+    if result.spread is None:
+        raise ConfigurationError(
+            f"next: identifier={last.names['identifier']} gives no joint distribution, expected "
+            "robust or auto"
+        )
+    belief = learnt(result.model, [*result.draws(DRAWS, DEVIATION_SHARE)], DEVIATION_SHARE)
+    J, rest = belief.free_runs(recording, last.vessel.thruster)
+    deviation = np.sqrt(np.mean(rest**2, axis=0))
+    scale = 1.0 / np.quantile(np.linalg.eigvalsh(information(J, deviation)), 0.75)
+    return Known(trial_of(last.names["vessel"]), belief, deviation, float(scale))
+
+
+def nominal(vessel: str, doubt: float) -> Known:
+    """The nominal model with a doubt, half the 90 % interval of its parameters over their size."""
+    noise, trial = trial_of(vessel, "noise").disturbance.noise, trial_of(vessel)
+    assert noise is not None
+    belief = doubted(trial.vessel.nominal(), doubt)
+    return Known(trial, belief, noise.deviations(trial.vessel.dofs)[1])
+
+
+def purpose_of(
+    known: Known, name: str, tracked: Trial | None = None, u: Array | float = 0.0
+) -> Purpose:
+    """What is to be predicted, as of `value_of`, with its gradient over draws about u (m,)."""
+    own, gradient = known.belief.gradient(value_of(known, name, tracked), known.zero + u)
+    unit = MEASURES.get(name.replace("_", " "), "m" if name == "e_pos" else "")
+    text = f"{name} {own[0]:.4g} {unit}".strip() if len(own) == 1 else name
+    return Purpose(name, 100.0 * gradient / np.abs(own)[:, None], text)
+
+
+def value_of(known: Known, name: str, tracked: Trial | None = None) -> Value:
+    """What is predicted, k numbers at u (m,).
+
+    `name` is a measure of a manoeuvre such as tactical_diameter, `coefficients`, one of them such
+    as `sway.v`, `FIT` of a turning circle (1 and the changes of its velocities over their
+    deviations), or the mean absolute position error `e_pos` of the trial `tracked` under its
+    controller on the known model. Raises ConfigurationError if there is no such measure.
+    """
+    belief, kinds = known.belief, dict[str, str]()
+    family: Any = known.trial.excitation
+    if name == "coefficients" or name in belief.free.labels:
+        own = (name == "coefficients") | (np.array(belief.free.labels) == name)
+        own &= belief.free.values != 0.0
+        return lambda u: (belief.free.values + belief.basis @ u)[own]
+    if name == "e_pos":
+        if tracked is None or tracked.controller is None:
+            raise ConfigurationError("next: e_pos needs --after RUNS, the last with a controller")
+        mission, model = evaluated(tracked), belief.at(known.zero)
+
+        def tracking(u: Array) -> Array:
+            setup = prepare(tracked, Streams(0), model, mission, True, belief.at(u))
+            rows = mission_metrics(setup.sail(), "identified")
+            return np.array([next(row.value or 0.0 for row in rows if row.name == "e_pos_mae")])
+
+        return tracking
+    if name == "FIT":
+        steered = isinstance(family, HelmSequence)
+        circle = _reference(family, "turn") if steered else family.candidates["circle"]
+        nu = known.sailed(circle).nu
+        size = np.where(np.std(nu, axis=0) > 0.0, np.std(nu, axis=0), np.inf)
+        return lambda u: (1.0 + (known.sailed(circle, u).nu - nu) / size)[::EVERY].ravel()
+    for kind in ("zigzag", "turn") if isinstance(family, HelmSequence) else ():
+        with suppress(*UNABLE):
+            known_ones = {key for key, number in _measures(known, kind).items()
+                          if np.isfinite(number)}  # fmt: skip
+            kinds |= {quantity.replace(" ", "_"): kind for quantity in sorted(known_ones)}
+    if name in kinds:
+        quantity = name.replace("_", " ")
+        return lambda u: np.array([_measures(known, kinds[name], u).get(quantity, np.nan)])
+    raise ConfigurationError(
+        f"next: {known.trial.vessel.name} has no measure {name}, expected one of "
+        f"{', '.join(['coefficients', 'FIT', 'e_pos', *kinds])}"
+    )
+
+
+def _reference(family: HelmSequence, kind: str) -> Mission:
+    """The turning circle of the largest helm, or the zig-zag, to measure."""
+    share, name = 1.0, kind
+    if kind == "zigzag":
+        angle, name = np.radians(ZIGZAG_DEG), f"zigzag_{ZIGZAG_DEG:g}"
+        share = float(angle) / family.limits[1] if family.helm == "delta" else ZIGZAG_SHARE
+    own = family.variant(name, share, MEASURED[kind])
+    return replace(family, steps=(HelmStep("turn", APPROACH * family.unit_s), *own))
+
+
+def _measures(known: Known, kind: Any, u: Array | float = 0.0) -> Measures:
+    """The sheet of a reference manoeuvre of a model; raises what it cannot do."""
+    family: Any = known.trial.excitation
+    track = track_of(known.sailed(_reference(family, kind), u), family.helm, family.length_m)
+    helm = track.helm - track.helm[0]
+    helm = np.where(np.abs(helm) < STEERED * np.max(np.abs(helm)), 0.0, helm)
+    return sheet(replace(track, helm=helm), OrderedManoeuvre(kind, turn_deg=ZIGZAG_DEG)).values
+
+
+class Candidate(NamedTuple):
+    """A manoeuvre that can be sailed, its motion, and what that tells (m, m)."""
+
+    name: str
+    seconds: float
+    motion: Recording
+    information: Array
+    own: Any  # as of `Planner.variant`
+
+
+class Sailed(NamedTuple):
+    """The numbers of candidates in turn, and how they are sailed."""
+
+    chosen: tuple[int, ...] = ()
+    parts: tuple[Any, ...] = ()  # `own` of each, and of a steered vessel joins
+    end: Array | None = None  # pose (3,) after them
+    mission: Any = None
+    motion: Any = None
+    node: Any = None  # the YAML of the mission
+
+    def rows(self) -> Iterator[tuple[float, str]]:
+        """Instants [s], and what is done from then on."""
+        if isinstance(self.mission, HelmSequence):
+            yield from self.mission.rows()
+        else:
+            edges = self.mission.period_s * np.array(self.mission.schedule.edges)
+            for begin, phase in zip(edges, self.mission.schedule.phases, strict=False):
+                yield begin, f"{phase.kind} {phase.name}"
+        yield self.mission.duration_s, "end"
+
+
+@dataclass(frozen=True, eq=False)
+class Planner:
+    """The candidates of a vessel, and how they are added to a sequence.
+
+    `waters` are None if they are not limited, `start` is (north [m], east [m], heading [deg]),
+    `seconds` is the time.
+    """
+
+    known: Known
+    waters: Waters | None
+    start: tuple[float, ...]
+    seconds: float
+
+    def __post_init__(self) -> None:
+        if self.waters is None or not self.steered:
+            return
+        if (reason := self.waters.in_the_way(np.array(self.start[:2]))) is not None:
+            raise ConfigurationError(f"next: the start: {reason}")
+        radius, speed, _ = self.circle
+        if self.waters.free(radius).is_empty:
+            raise ConfigurationError(
+                f"next: area: no turning circle fits, expected room for one of {2.0 * radius:.3g} m"
+                f" at {speed:.2g} m/s and a clearance of {self.waters.clearance_m:g} m"
+            )
+
+    @property
+    def family(self) -> Any:
+        """The excitation that candidates are of."""
+        return self.known.trial.excitation
+
+    @property
+    def steered(self) -> bool:
+        """Whether parts are steps of the helm; otherwise candidates of a mix, each sailed once."""
+        return isinstance(self.family, HelmSequence)
+
+    def variant(self, text: str, name: str, size: float, slowness: float) -> Any:
+        """A candidate of the excitation; None: a moment that is held has no time.
+
+        That of a mix is what it is called, what it is a variant of, and the changes.
+        """
+        if self.steered:
+            approach = HelmStep("turn", round(APPROACH * self.family.unit_s, 1))
+            return approach, *self.family.variant(name, size, slowness)
+        own = self.family.candidates[name]
+        if hasattr(own, "yaw_moment_nm"):
+            changes = {"yaw_moment_nm": size * own.yaw_moment_nm}
+            return (text, name, changes) if slowness == 1.0 else None
+        amplitude = {dof: size * most for dof, most in own.amplitude.items()}
+        return text, name, {"amplitude": amplitude, "time_scale": slowness * own.time_scale}
+
+    def sailing(self, node: Any, parts: Sequence[Any]) -> Any:
+        """The excitation, or its YAML, that sails parts in turn."""
+
+        def changed(of: Any, **changes: Any) -> Any:
+            return {**of, **changes} if isinstance(of, dict) else replace(of, **changes)
+
+        if self.steered:
+            steps = tuple(chain(*parts))
+            return changed(node, steps=steps, start_pose=self.start, candidates=None, variants=None)
+        own = node if isinstance(node, dict) else vars(node)
+        candidates = {f"{i}: {text}": changed(own["candidates"][name], **changes)
+                      for i, (text, name, changes) in enumerate(parts, 1)}  # fmt: skip
+        route = changed(
+            own["route"], start=self.start, **(vars(self.waters) if self.waters else {})
+        )
+        each: Any = {"design": "each", "held_out": (), "variants": None}
+        return changed(node, candidates=candidates, route=route, **each)
+
+    @cached_property
+    def candidates(self) -> list[Candidate]:
+        """What the vessel can sail, by the model that is known; what it cannot is left out."""
+        trial, found, anywhere = self.known.trial, list[Candidate](), replace(self, waters=None)
+        factors = (self.family.variants[factor] for factor in ("size", "slowness"))
+        for name, size, slow in product(self.family.candidates, *factors):
+            text = f"{name}, {100.0 * size:g} %{f', slower x {slow:g}' if slow != 1.0 else ''}"
+            if (own := self.variant(text, name, size, slow)) is None:
+                continue
+            with suppress(*UNABLE):
+                mission = anywhere.sailing(self.family, (own,))
+                mission.check(trial.vessel.dofs)
+                mission.check_limits(trial.vessel.limits_by_dof, trial.sample_time_s)
+                motion = self.known.sailed(mission)
+                told = self.known.information(motion)
+                found.append(Candidate(text, mission.duration_s, motion, told, own))
+        return found
+
+    @cached_property
+    def circle(self) -> tuple[float, float, Array]:
+        """Radius [m] and speed [m/s] of the wider of the steady turns of joins, and their orders.
+
+        The orders are those to port and to starboard, (2,).
+        """
+        family, found = self.family, []
+        sides = JOIN_SHARE * family.input_signs[family.index] * np.array([-1.0, 1.0])
+        for share in sides:
+            steps = family.variant("turn", share, MEASURED["turn"])
+            u, v, r = self.known.sailed(replace(family, steps=steps)).nu[-1]
+            found.append((float(np.hypot(u, v) / max(abs(r), 1e-9)), float(np.hypot(u, v))))
+        return *max(found), np.array([family.order(share) for share in sides])
+
+    def added(self, so_far: Sailed, number: int) -> Sailed | None:
+        """A sequence with one candidate more and a return, simulated; None: it does not fit."""
+        candidate, free = self.candidates[number], self.waters and self.waters.free()
+        start = np.array([*self.start[:2], np.radians(self.start[2])])
+        way = start if so_far.end is None else so_far.end, candidate.motion
+        for joined in self._joins(*way) if self.steered else ((),):
+            parts = closed = (*so_far.parts, *joined, candidate.own)
+            with suppress(*UNABLE):
+                motion = self.known.sailed(mission := self.sailing(self.family, parts))
+                end, inside = motion.eta[-1], True
+                if self.steered and free is not None:
+                    closed = (*parts, join(end, start, *self.circle, self.family.unit_s))
+                    motion = self.known.sailed(mission := self.sailing(self.family, closed))
+                    inside = shapely.LineString(motion.eta[:, :2]).within(free)
+                if inside and mission.duration_s <= self.seconds:
+                    node = self.sailing(self.known.trial.config["excitation"], closed)
+                    return Sailed((*so_far.chosen, number), parts, end, mission, motion, node)
+        return None
+
+    def _joins(self, end: Array, motion: Recording) -> Iterator[tuple[list[HelmStep], ...]]:
+        """No join, then paths, the shortest first, to where a motion is amid the widest water."""
+        yield ()
+        if self.waters is None:
+            return
+        widest = shapely.get_coordinates(shapely.maximum_inscribed_circle(self.waters.free()))[0]
+        middle = 0.5 * (np.min(motion.eta[:, :2], axis=0) + np.max(motion.eta[:, :2], axis=0))
+        settle_s = APPROACH * self.family.unit_s
+        for psi in 2.0 * np.pi * np.arange(HEADINGS) / HEADINGS:
+            begin = np.array([*(widest - in_ned(middle, psi)), psi])
+            yield (join(end, begin, *self.circle, settle_s),)
+
+
+def sequence(purpose: Purpose, target: float, planner: Planner) -> tuple[Sailed, float]:
+    """Candidates added by what they save in a second, until the target is reached or none fits.
+
+    Also returns half the interval after them. Raises ConfigurationError if not one of them fits.
+    """
+    told = np.array([candidate.information for candidate in planner.candidates])
+    times = np.array([candidate.seconds for candidate in planner.candidates])
+    sailed, known, spent = Sailed(), np.zeros(told.shape[1:]), 0.0
+    while purpose.width(known) > target:
+        order = ranked(purpose, known, told, times)
+        usable = [n for n in order if spent + times[n] <= planner.seconds][:TRIED]
+        more = next((m for n in usable if (m := planner.added(sailed, n)) is not None), None)
+        if more is None:
+            break
+        sailed, known, spent = more, known + told[more.chosen[-1]], more.mission.duration_s
+    if not sailed.chosen:
+        fits = f"{planner.seconds / 60.0:g} min{'' if planner.waters is None else ' and the area'}"
+        raise ConfigurationError(f"next: none of {len(times)} manoeuvres fits into {fits}")
+    return sailed, purpose.width(known)
 
 
 def read_waters(path: Path, origin: Origin, clearance_m: float) -> Waters:
@@ -206,47 +518,28 @@ def positions(track: Array, origin: Origin) -> Array:
 
 
 def write_files(
-    folder: Path, node: object, motion: Recording, marks: Sequence[tuple[float, str]],
-    waters: Waters | None, origin: Origin,
-) -> list[Path]:  # fmt: skip
-    """Write the excitation and the expected track: GeoJSON, CSV, a figure, GPX with an origin.
-
-    `marks` are the begin [s] and the name of each manoeuvre. Returns the files.
-    """
+    folder: Path, node: Any, motion: Recording, waters: Waters | None, origin: Origin
+) -> list[Path]:
+    """Write the excitation and the expected track: GeoJSON, a figure, and GPX with an origin."""
     from matplotlib.figure import Figure  # slow to import
 
     folder.mkdir(parents=True, exist_ok=True)
-    names = ("excitation.yaml", "track.geojson", "track.csv", "track.svg", "track.gpx")
-    sheet, shapes, table, picture, gpx = files = [folder / name for name in names]
-    plain = json.loads(json.dumps(node, default=np.generic.item))  # lists, no aliases
+    names = ("excitation.yaml", "track.geojson", "track.svg", "track.gpx")
+    excitation, shape, picture, gpx = files = [folder / name for name in names]
+    plain = json.loads(json.dumps(node, default=vars))  # lists, no aliases
     text = yaml.safe_dump(plain, sort_keys=False, width=100)
-    sheet.write_text(f"# Chosen by seatrial next.\n{text}", encoding="utf-8")
-    at = np.searchsorted(motion.t - motion.t[0], [begin for begin, _ in marks])
-    begins = motion.eta[np.minimum(at.astype(np.int64), len(motion) - 1), :2]
-    track = motion.eta[:: max(1, round(1.0 / motion.period_s)), :2]
-    line, points = (positions(each, origin).tolist() for each in (track, begins))
-    both = shapely.GeometryCollection([shapely.LineString(line), shapely.MultiPoint(points)])
-    shapes.write_text(shapely.to_geojson(both), encoding="utf-8")
-    acting = motion.tau if motion.inputs is None else motion.inputs
-    own = [f"tau_{dof}" for dof in motion.dofs] if motion.inputs is None else motion.input_names
-    values = np.column_stack([motion.t, motion.eta, acting])
-    np.savetxt(table, values, "%.6f", ",", header=",".join(("t,north,east,psi", *own)), comments="")
+    excitation.write_text(f"# Chosen by seatrial next.\n{text}", encoding="utf-8")
+    line = positions(motion.eta[:: max(1, round(1.0 / motion.period_s)), :2], origin).tolist()
+    shape.write_text(shapely.to_geojson(shapely.LineString(line)), encoding="utf-8")
     figure = Figure(figsize=(6.0, 6.0), layout="constrained")
     axes = figure.add_subplot(xlabel="east [m]", ylabel="north [m]", aspect="equal")
     for name, ring in ({} if waters is None else waters.named).items():
         axes.fill(*np.array(ring)[:, ::-1].T, fill=name != "area", color="0.7")
     axes.plot(motion.eta[:, 1], motion.eta[:, 0])
-    for i, ((_, name), (north, east)) in enumerate(zip(marks, begins, strict=True), 1):
-        axes.plot(east, north, marker=f"${i}$", linestyle="", label=name)
-    axes.legend(fontsize="x-small")
     figure.savefig(picture)
     if origin is None:
         return files[:-1]
-    way = "".join(f'<wpt lat="{lat}" lon="{lon}"><name>{escape(name)}</name></wpt>'
-                  for (lon, lat), (_, name) in zip(points, marks, strict=True))  # fmt: skip
-    sailed = "".join(f'<trkpt lat="{lat}" lon="{lon}"/>' for lon, lat in line)
-    gpx.write_text(
-        f'<?xml version="1.0"?>\n<gpx xmlns="{GPX}" version="1.1" creator="seatrial">{way}'
-        f"<trk><trkseg>{sailed}</trkseg></trk></gpx>\n", encoding="utf-8"
-    )  # fmt: skip
+    track = "".join(f'<trkpt lat="{lat}" lon="{lon}"/>' for lon, lat in line)
+    track = f'<gpx version="1.1" creator="seatrial" xmlns="{GPX}"><trk><trkseg>{track}</trkseg>'
+    gpx.write_text(f"{track}</trk></gpx>\n", encoding="utf-8")
     return files

@@ -1,6 +1,5 @@
 """Waters and tracks as files: degrees and metres say the same, and GPX is read by any parser."""
 
-import csv
 import json
 from pathlib import Path
 from xml.etree import ElementTree
@@ -51,9 +50,8 @@ def test_files_hold_the_track(tmp_path: Path) -> None:
     eta = np.column_stack([t, 0.5 * t, 0.0 * t])
     zero = np.zeros((len(t), 3))
     motion = Recording(("surge", "sway", "yaw"), t, eta, zero, zero, zero, zero)
-    marks = [(0.0, "turn"), (30.0, "zig-zag")]
-    files = write_files(tmp_path, {}, motion, marks, None, ORIGIN)
-    assert {file.suffix for file in files} == {".yaml", ".geojson", ".csv", ".svg", ".gpx"}
+    files = write_files(tmp_path, {}, motion, None, ORIGIN)
+    assert {file.suffix for file in files} == {".yaml", ".geojson", ".svg", ".gpx"}
     root = ElementTree.parse(tmp_path / "track.gpx").getroot()
     points = root.findall(f".//{{{GPX}}}trkpt")
     lat, lon = (
@@ -61,11 +59,5 @@ def test_files_hold_the_track(tmp_path: Path) -> None:
     )
     north, east, _ = pymap3d.geodetic2ned(lat, lon, 0.0, *ORIGIN, 0.0)
     assert np.column_stack([north, east]) == pytest.approx(eta[::2, :2], abs=0.02)
-    names = [name.text for name in root.findall(f"{{{GPX}}}wpt/{{{GPX}}}name")]
-    assert names == ["turn", "zig-zag"]
-    rows = list(csv.DictReader((tmp_path / "track.csv").read_text().splitlines()))
-    assert len(rows) == len(t)
-    assert float(rows[-1]["north"]) == pytest.approx(eta[-1, 0])
-    line, begins = json.loads((tmp_path / "track.geojson").read_text())["geometries"]
+    line = json.loads((tmp_path / "track.geojson").read_text())
     assert line["coordinates"][0] == pytest.approx([10.4, 63.4])
-    assert len(begins["coordinates"]) == 2
