@@ -67,7 +67,6 @@ DRAWS = 400  # of the distribution of runs
 APPROACH = 3.0  # on a straight course before a manoeuvre [L / U]
 MEASURED = {"turn": 4.0, "zigzag": 6.0}  # slowness of the candidates that are measured
 ZIGZAG_DEG, ZIGZAG_SHARE = 10.0, 0.3  # of it: its helm, or the share of one that is no angle
-STEERED = 0.02  # of the largest helm, below which it keeps a course
 EVERY = 25  # samples of a circle of which one is predicted
 JOIN_SHARE = 0.6  # of the largest helm, in joins
 HEADINGS = 8  # at which a candidate may begin
@@ -182,17 +181,20 @@ def trial_of(vessel: str, disturbance: str = "calm") -> Trial:
 
 @dataclass(frozen=True, eq=False)
 class Known:
-    """What is known: the distribution, and the errors of velocities by which more is learnt."""
+    """What is known: the distribution, and the errors of velocities by which more is learnt.
 
-    trial: Trial  # of the vessel in calm water; its excitation is the family of the candidates
+    The trial is of the vessel in calm water; its excitation is the family of the candidates.
+    `deviation` is that of independent errors, (n_dof,) [m/s, rad/s].
+    """
+
+    trial: Trial
     belief: Belief
-    deviation: Array  # (n_dof,) [m/s, rad/s]
-    scale: float = 1.0  # of independent samples in one
+    deviation: Array
 
     def information(self, motion: Recording) -> Array:
         """What a motion tells, shape (m, m)."""
         J, _ = self.belief.free_runs(motion, self.trial.vessel.thruster)
-        return self.scale * information(J, self.deviation)
+        return information(J, self.deviation)
 
     def sailed(self, mission: Mission, u: Array | float = 0.0) -> Recording:
         """The motion of the model at u (m,), by default of the one that is known, in calm water."""
@@ -207,8 +209,8 @@ class Known:
 def after_runs(trials: Sequence[Trial]) -> Known:
     """What is known after the recordings of trials; raises SeatrialError if nothing can be.
 
-    A sample counts by the scale with which their information would be the one that was identified,
-    I: a prior told more than the recordings in some directions, so by the largest eigenvalues.
+    Errors are those with which their information would be the one that was identified, I: a prior
+    told more than the recordings in some directions, so by the largest eigenvalues.
     """
     last, seeds = trials[-1], [Streams(trial.seed) for trial in trials]
     recording = end_to_end([excite(*each).recording for each in zip(trials, seeds, strict=True)])
@@ -222,8 +224,8 @@ def after_runs(trials: Sequence[Trial]) -> Known:
     belief = learnt(result.model, [*result.draws(DRAWS, DEVIATION_SHARE)], DEVIATION_SHARE)
     J, rest = belief.free_runs(recording, last.vessel.thruster)
     deviation = np.sqrt(np.mean(rest**2, axis=0))
-    scale = 1.0 / np.quantile(np.linalg.eigvalsh(information(J, deviation)), 0.75)
-    return Known(trial_of(last.names["vessel"]), belief, deviation, float(scale))
+    deviation *= np.sqrt(np.quantile(np.linalg.eigvalsh(information(J, deviation)), 0.75))
+    return Known(trial_of(last.names["vessel"]), belief, deviation)
 
 
 def nominal(vessel: str, doubt: float) -> Known:
@@ -277,9 +279,9 @@ def value_of(known: Known, name: str, tracked: Trial | None = None) -> Value:
         return lambda u: (1.0 + (known.sailed(circle, u).nu - nu) / size)[::EVERY].ravel()
     for kind in ("zigzag", "turn") if isinstance(family, HelmSequence) else ():
         with suppress(*UNABLE):
-            known_ones = {key for key, number in _measures(known, kind).items()
-                          if np.isfinite(number)}  # fmt: skip
-            kinds |= {quantity.replace(" ", "_"): kind for quantity in sorted(known_ones)}
+            for quantity, reached in _measures(known, kind).items():
+                if np.isfinite(reached):
+                    kinds[quantity.replace(" ", "_")] = kind
     if name in kinds:
         quantity = name.replace("_", " ")
         return lambda u: np.array([_measures(known, kinds[name], u).get(quantity, np.nan)])
@@ -296,16 +298,16 @@ def _reference(family: HelmSequence, kind: str) -> Mission:
         angle, name = np.radians(ZIGZAG_DEG), f"zigzag_{ZIGZAG_DEG:g}"
         share = float(angle) / family.limits[1] if family.helm == "delta" else ZIGZAG_SHARE
     own = family.variant(name, share, MEASURED[kind])
-    return replace(family, steps=(HelmStep("turn", APPROACH * family.unit_s), *own))
+    approach = HelmStep("hold", APPROACH * family.unit_s, family.order(0.0))
+    return replace(family, steps=(approach, *own))
 
 
 def _measures(known: Known, kind: Any, u: Array | float = 0.0) -> Measures:
     """The sheet of a reference manoeuvre of a model; raises what it cannot do."""
     family: Any = known.trial.excitation
     track = track_of(known.sailed(_reference(family, kind), u), family.helm, family.length_m)
-    helm = track.helm - track.helm[0]
-    helm = np.where(np.abs(helm) < STEERED * np.max(np.abs(helm)), 0.0, helm)
-    return sheet(replace(track, helm=helm), OrderedManoeuvre(kind, turn_deg=ZIGZAG_DEG)).values
+    ordered = OrderedManoeuvre(kind, turn_deg=ZIGZAG_DEG)
+    return sheet(replace(track, helm=track.helm - track.helm[0]), ordered).values
 
 
 class Candidate(NamedTuple):
@@ -319,9 +321,8 @@ class Candidate(NamedTuple):
 
 
 class Sailed(NamedTuple):
-    """The numbers of candidates in turn, and how they are sailed."""
+    """A sequence of candidates, and how it is sailed."""
 
-    chosen: tuple[int, ...] = ()
     parts: tuple[Any, ...] = ()  # `own` of each, and of a steered vessel joins
     end: Array | None = None  # pose (3,) after them
     mission: Any = None
@@ -439,9 +440,9 @@ class Planner:
             found.append((float(np.hypot(u, v) / max(abs(r), 1e-9)), float(np.hypot(u, v))))
         return *max(found), np.array([family.order(share) for share in sides])
 
-    def added(self, so_far: Sailed, number: int) -> Sailed | None:
+    def added(self, so_far: Sailed, candidate: Candidate) -> Sailed | None:
         """A sequence with one candidate more and a return, simulated; None: it does not fit."""
-        candidate, free = self.candidates[number], self.waters and self.waters.free()
+        free = self.waters and self.waters.free()
         start = np.array([*self.start[:2], np.radians(self.start[2])])
         way = start if so_far.end is None else so_far.end, candidate.motion
         for joined in self._joins(*way) if self.steered else ((),):
@@ -455,7 +456,7 @@ class Planner:
                     inside = shapely.LineString(motion.eta[:, :2]).within(free)
                 if inside and mission.duration_s <= self.seconds:
                     node = self.sailing(self.known.trial.config["excitation"], closed)
-                    return Sailed((*so_far.chosen, number), parts, end, mission, motion, node)
+                    return Sailed(parts, end, mission, motion, node)
         return None
 
     def _joins(self, end: Array, motion: Recording) -> Iterator[tuple[list[HelmStep], ...]]:
@@ -476,17 +477,19 @@ def sequence(purpose: Purpose, target: float, planner: Planner) -> tuple[Sailed,
 
     Also returns half the interval after them. Raises ConfigurationError if not one of them fits.
     """
-    told = np.array([candidate.information for candidate in planner.candidates])
-    times = np.array([candidate.seconds for candidate in planner.candidates])
-    sailed, known, spent = Sailed(), np.zeros(told.shape[1:]), 0.0
+    candidates, sailed = planner.candidates, Sailed()
+    told = np.array([candidate.information for candidate in candidates])
+    times, spent = np.array([candidate.seconds for candidate in candidates]), 0.0
+    known = np.zeros(told.shape[1:])
     while purpose.width(known) > target:
         order = ranked(purpose, known, told, times)
-        usable = [n for n in order if spent + times[n] <= planner.seconds][:TRIED]
-        more = next((m for n in usable if (m := planner.added(sailed, n)) is not None), None)
-        if more is None:
+        for number in [n for n in order if spent + times[n] <= planner.seconds][:TRIED]:
+            if (more := planner.added(sailed, candidates[number])) is not None:
+                sailed, known, spent = more, known + told[number], more.mission.duration_s
+                break
+        else:
             break
-        sailed, known, spent = more, known + told[more.chosen[-1]], more.mission.duration_s
-    if not sailed.chosen:
+    if sailed.mission is None:
         fits = f"{planner.seconds / 60.0:g} min{'' if planner.waters is None else ' and the area'}"
         raise ConfigurationError(f"next: none of {len(times)} manoeuvres fits into {fits}")
     return sailed, purpose.width(known)
