@@ -42,9 +42,9 @@ from seatrial.runner.trials.closed_loop import Streams, prepare
 
 FILE = Path(__file__).parent / "next_trials.json"
 TASKS = {  # vessel: purpose, target [%]
-    "kvlcc2": ("tactical_diameter", 10.0),
-    "milliampere": ("yaw.|r|r", 13.0),
-    "otter": ("tactical_diameter", 15.0),
+    "kvlcc2": ("tactical_diameter", 5.0),
+    "milliampere": ("yaw.|r|r", 6.0),
+    "otter": ("tactical_diameter", 4.0),
 }
 ARMS = ("next", "D-optimal", "IMO")
 DOUBT, MOST = 0.2, 8

@@ -467,9 +467,11 @@ class Planner:
         widest = shapely.get_coordinates(shapely.maximum_inscribed_circle(self.waters.free()))[0]
         middle = 0.5 * (np.min(motion.eta[:, :2], axis=0) + np.max(motion.eta[:, :2], axis=0))
         settle_s = APPROACH * self.family.unit_s
+        ways = []
         for psi in 2.0 * np.pi * np.arange(HEADINGS) / HEADINGS:
             begin = np.array([*(widest - in_ned(middle, psi)), psi])
-            yield (join(end, begin, *self.circle, settle_s),)
+            ways.append((join(end, begin, *self.circle, settle_s),))
+        yield from sorted(ways, key=lambda way: sum(step.seconds for step in way[0]))
 
 
 def sequence(purpose: Purpose, target: float, planner: Planner) -> tuple[Sailed, float]:
