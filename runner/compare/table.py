@@ -266,7 +266,8 @@ class _Comparison:
         statuses = self.trials["status"]
         unfinished = sorted(Counter(statuses[statuses != frames.FINISHED]).items())
         if counts := ", ".join(f"{n} {status}" for status, n in unfinished):
-            notes.append(f"not included: {counts} (see: runs)")
+            absent = f' --status "{NOT_STARTED}"' if NOT_STARTED in counts else ""
+            notes.append(f"not included: {counts} (see: runs{absent})")
         return notes
 
     def _records(self) -> list[dict[str, Scalar]]:
