@@ -338,7 +338,7 @@ def summary(boards: Sequence[Board]) -> TextTable:
             TableCell(", ".join(others) or "–", prose=True),
             *(_counted(board, name) for name in COMPARED),
         ])  # fmt: skip
-    notes = ["score: FIT [%] of the free runs, if the task names no other", BOLD, RIVALS]
+    notes = ["score: FIT [%] of the free runs, if the task names no other", f"{BOLD}; {RIVALS}"]
     notes += [NO_SKILL] if any("(no skill)" in row[2].text for row in rows) else []
     for group, ranks in overall(boards):
         order = ", ".join(f"{name} {rank:.1f}" for name, rank in ranks.mean_ranks.items())

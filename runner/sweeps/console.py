@@ -21,7 +21,6 @@ from typing import TYPE_CHECKING, ClassVar
 from seatrial.models.errors import ConfigurationError, LogbookError
 from seatrial.runner import compare as comparison
 from seatrial.runner import database
-from seatrial.runner.compare.grid import with_unit
 from seatrial.runner.configuration.invocation import DEFAULT_DATABASE, results_program
 from seatrial.runner.configuration.vessel_options import SUITED_GROUPS
 from seatrial.runner.database.terminal import error_line
@@ -152,7 +151,7 @@ def result_of(run: int | None, url: str) -> list[str]:
             if row is not None and row.value is not None:
                 is_fine = 0.0 < abs(row.value) < finest.resolution
                 numbers[i] = f"< {finest.resolution:g}" if is_fine else f"{row.value:.4g}"
-        rows.append((f"{with_unit(finest.label + where, one.unit)}", *numbers))
+        rows.append((comparison.grid.with_unit(finest.label + where, one.unit), *numbers))
     label, *widths = (max(map(len, column)) for column in zip(*rows, strict=True))
     lines = ["  ".join((f"  {row[0]:<{label}}", *map(str.rjust, row[1:], widths))) for row in rows]
     return lines if len(rows) > 1 else []

@@ -154,7 +154,7 @@ def everything(n: int = 30) -> Recording:
     t = np.arange(n) * 0.1 + 1e-9 + np.repeat([0.0, 7.0], n // 2)
     return Recording(
         PLANAR, t, eta, columns(3), columns(3), columns(3), attitude, None, columns(3), columns(2),
-        False, columns(2), columns(2), ("delta", "output[0]"), columns(1), ("propeller.thrust",),
+        (), columns(2), columns(2), ("delta", "output[0]"), columns(1), ("propeller.thrust",),
     )  # fmt: skip
 
 
