@@ -7,7 +7,7 @@ import pytest
 
 from seatrial.models.identification.cross_validation import CrossValidation
 from seatrial.models.identification.free_parameters import FreeParameters, free_parameters
-from seatrial.models.identification.free_run_fit import Fit, FreeRuns, Stage, fit, refined, segments
+from seatrial.models.identification.free_run_fit import Fit, FreeRuns, Stage, fit, segments
 from seatrial.models.identification.physical_constraints import PhysicalConstraints
 from seatrial.models.identification.predictor import Predictor
 from seatrial.models.identification.structured import Structure
@@ -107,14 +107,15 @@ def test_short_segments_first_avoid_a_minimum_of_long_ones(identifier) -> None:
     model = Structure(free, samples, training.nu, option.inertia_factor)
     change, _ = model.regress(1.0)
     predictor = segments(training, free, None, None, SEGMENT_S)
-    direct = refine(predictor, change, model.size, model.constraints)
-    grown = refined(option, training, None, model, change, 1.0)
+    direct = refine(predictor, change, model.size, model.constraints).change
+    found = option.identify(problem, np.random.default_rng(0)).residual
+    grown = free.change(found.on(free.nominal.terms).theta)
     inertia = [label in DIAGONAL for label in free.labels]
     assert sum(inertia) == 6
     true = free.change(truth.on(free.nominal.terms).theta - free.nominal.theta)
     errors = [
-        np.max(np.abs((refined.change - true)[inertia] / (free.values + true)[inertia]))
-        for refined in (direct, grown)
+        np.max(np.abs((change - true)[inertia] / (free.values + true)[inertia]))
+        for change in (direct, grown)
     ]
     assert errors[0] > 0.02
     assert errors[1] < 0.003
