@@ -38,6 +38,9 @@ class Grid(PredictionOptions):
             raise ConfigurationError(
                 f"identifier.parameters: got {', '.join(free.labels)}, expected two"
             )
+        for label in free.labels:
+            if self.inertia_factor is None and label not in self.bounds:
+                raise ConfigurationError(f"bounds.{label}: got none, expected [lower, upper]")
 
     def identify(self, problem: Problem, rng: np.random.Generator) -> Identified:
         """The residual table of the lowest grid point, with the grid as diagnostics."""

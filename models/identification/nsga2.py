@@ -219,7 +219,7 @@ class Nsga2(PredictionOptions):
         check_horizons(self.polish_horizons)
         for label in self.unknowns(nominal, windy=True).labels:
             if self.inertia_factor is None and label not in self.bounds:
-                raise ConfigurationError(f"identifier.bounds.{label}: got none, expected two")
+                raise ConfigurationError(f"bounds.{label}: got none, expected [lower, upper]")
         count = 2 if self.grouped else 2 * len(nominal.dofs)
         if self.weights is not None and len(self.weights) != count:
             raise ConfigurationError(

@@ -45,7 +45,7 @@ class Recording:
     tau_filtered: Array | None = None
     tau_actual: Array | None = None
     wind: Array | None = None  # (N, 2) velocity of the air in body axes [m/s]
-    immediate: tuple[str, ...] = ()  # axes, or inputs, that are known to follow their command so
+    immediate: tuple[str, ...] = ()  # axes, or inputs, known to follow their command at once
     inputs: Array | None = None  # (N, n_inputs) of a steered vessel, as they act; `tau` is zero
     commands: Array | None = None  # (N, n_inputs) of these inputs
     input_names: tuple[str, ...] = ()
