@@ -42,6 +42,7 @@ from seatrial.models.recording.recording import DROP_S, Recording
 from seatrial.models.recording.signals import Smoothing, smoothing_for
 from seatrial.models.vessel import basis
 from seatrial.models.vessel.basis import Array, Term
+from seatrial.models.vessel.devices.device import device_forces
 from seatrial.models.vessel.table import Vessel
 from seatrial.models.vessel.thruster import SecondOrderLag
 
@@ -56,6 +57,7 @@ BLOCK_ROWS = 2048  # rows in a block of a product or a factorisation
 BLOCK_SAMPLES = 8192  # samples that are evaluated together
 FEW_VALUES = 2**17  # values that are filtered together
 NOTHING_LEFT = 1e-12  # fraction of the force below which the residual is rounding
+NOTHING_PUSHES = 1e-12  # of the largest power of the forces in any direction, each of size one
 Refinement = Literal["free_run", "none"]
 
 
@@ -248,11 +250,15 @@ class ResidualOptions(Identifier):
     ) -> Samples:  # fmt: skip
         """Regressors and lack of fit of a recording; `terms` are by default those of the options.
 
+        Of these `dependent_accelerations` are no regressors.
         Raises IdentificationError for values that are not finite or too few samples.
         """
         smoothing = self.smoothing(recording)
         filtered = self.filtered(recording, lag, smoothing)
-        terms = self.terms(nominal) if terms is None else terms
+        dependent = list[Term]()
+        if terms is None:
+            terms = self.terms(nominal)
+            dependent = dependent_accelerations(filtered, nominal, terms, self.force)
         parts = evaluated(
             filtered, lambda part: basis.evaluate(terms, part.variables()),
             lambda part: lack_of_fit(part, nominal, self.force),
@@ -263,6 +269,7 @@ class ResidualOptions(Identifier):
             for name, values in zip(recording.input_names, recording.inputs.T, strict=True):
                 if np.ptp(values) <= NOTHING_LEFT * np.max(np.abs(values)):
                     phi[:, [name in _variables(term) for term in terms]] = 0.0
+        phi[:, [term in dependent for term in terms]] = 0.0
         file = None if filtered.file is None else filtered.file[kept(filtered, smoothing)]
         samples = Samples(terms, phi, epsilon, force, file)
         if not (np.all(np.isfinite(phi)) and np.all(np.isfinite(epsilon))):
@@ -273,6 +280,30 @@ class ResidualOptions(Identifier):
                 f"expected at least {len(terms) + 2}"
             )
         return samples
+
+
+def dependent_accelerations(
+    recording: Recording, nominal: Vessel, terms: tuple[Term, ...], force: str | None
+) -> list[Term]:
+    """Those of the terms that the others determine, since nothing ever pushes some way.
+
+    Along w with w' tau = 0, as in sway of a vessel whose thrusters push ahead, 0 = w' F(nu_dot, nu)
+    holds for any multiple of its coefficients, and all of them zero explain it best. The nominal
+    coefficient of the acceleration that weighs most there is kept; the others are relative to it.
+    """
+    if not nominal.forces_known or not {*nominal.terms} <= {*terms}:
+        return []
+    pushed, own = recording.force(force), [DOFS.index(dof) for dof in nominal.dofs]
+    if nominal.devices:
+        (pushed,) = evaluated(
+            recording, lambda part: device_forces(nominal.installed, part.variables())[:, own]
+        )
+    size = np.linalg.norm(pushed, axis=0)
+    size[size == 0.0] = 1.0
+    share, ways = np.linalg.eigh(pushed.T @ pushed / np.outer(size, size))
+    unpushed = ways.T[share <= NOTHING_PUSHES * share[-1]] / size
+    weights = np.abs(unpushed @ nominal.inertia) * np.std(recording.nu_dot, axis=0)
+    return [basis.term(nominal.accelerations[k]) for k in np.argmax(weights, axis=1)]
 
 
 def _variables(term: Term) -> set[str]:

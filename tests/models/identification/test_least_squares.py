@@ -6,6 +6,8 @@ import numpy as np
 import pytest
 
 from seatrial.models.errors import IdentificationError
+from seatrial.models.identification.problem import Problem
+from seatrial.models.vessel.derivatives import from_derivatives
 from tests.models.identification.known_results import diagnostics
 
 AXES = ("surge", "sway", "yaw")
@@ -128,3 +130,23 @@ def test_the_penalty_minimises_generalised_cross_validation(lap, estimator, rng)
 
     for k, chosen in enumerate(f.value for f in diagnostics(found, "ridge_penalty")):
         assert gcv(chosen, k) <= min(gcv(p, k) for p in np.geomspace(1e-9, 1.0, 46)) * (1 + 1e-9)
+
+
+@pytest.mark.parametrize("axes", ["sway", "sway and yaw"])
+@pytest.mark.parametrize("name", ["ls", "ridge", "plsr", "iv"])
+def test_what_nothing_pushes_is_known_relative_to_the_inertia(
+    make, estimator, rng, name, axes
+) -> None:
+    """Two thrusters push ahead; a rudder pushes sway and yaw in a fixed proportion."""
+    inertia = np.array([[10.0, 0.0, 0.0], [0.0, 15.0, 1.0], [0.0, 1.0, 5.0]])
+    drag = {"X_u": -4.0, "Y_v": -9.0, "Y_r": -2.0, "N_v": -1.0, "N_r": -6.0}
+    nominal = from_derivatives("boat", AXES, inertia, drag)
+    truth = from_derivatives("boat", AXES, inertia, {**drag, "Y_v": -12.0, "N_r": -5.0})
+    t = 0.1 * np.arange(2000)
+    turn = 3.0 * np.sin(0.5 * t) + 2.0 * np.sin(1.3 * t + 1.0)
+    tau = np.column_stack([4.0 + 6.0 * np.sin(0.21 * t), (axes != "sway") * turn, -2.0 * turn])
+    motion = make.driven(truth, tau)
+    motion = replace(motion, nu_dot=truth.forward(tau, motion.nu))
+    problem = Problem(motion, motion, nominal, None)
+    found = estimator(name, basis="physical").identify(problem, rng)
+    np.testing.assert_allclose(found.model.theta, truth.on(found.model.terms).theta, atol=0.05)
