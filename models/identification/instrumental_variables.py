@@ -61,14 +61,8 @@ SINGULAR_RATIO = 1e-10
 WHAT = "instruments do not distinguish"
 STEP_S = 0.1  # longest integration step of simulated instruments
 WEAK = 0.1  # strength below which the estimate is little else than noise, and so are its intervals
-REFINED = (
-    "the instruments are weak, so that the model of the regression was refined by free runs; "
-    "try fewer terms or a longer recording"
-)
-NO_INTERVALS = (
-    "the instruments are weak, and the model diverges when it is refined by free runs: the "
-    "coefficients have no standard errors; try fewer terms or a longer recording"
-)
+REFINED = "the instruments are weak: refined by free runs; try fewer terms or a longer recording"
+NO_INTERVALS = "the instruments are weak, free runs diverge: no standard errors; try fewer terms"
 
 
 class Solution(NamedTuple):

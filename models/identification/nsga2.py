@@ -31,7 +31,6 @@ from pymoo.core.problem import Problem as DesignProblem
 from pymoo.core.termination import NoTermination
 from pymoo.operators.crossover.sbx import SBX
 from pymoo.operators.mutation.pm import PM
-from pymoo.util.nds.non_dominated_sorting import NonDominatedSorting
 
 from seatrial.models.diagnostics import Diagnostic
 from seatrial.models.errors import ConfigurationError
@@ -122,7 +121,8 @@ def search(
             break
         algorithm.next()
         before = front
-        units, front = nondominated(algorithm.opt.get("X"), algorithm.opt.get("F"))
+        front, first = np.unique(algorithm.opt.get("F"), axis=0, return_index=True)
+        units = algorithm.opt.get("X")[first]
         if len(before):
             changes.append(change(before, front, FRONT_RESOLUTION * scale))
         recent = changes[-window:] if len(front) > 1 else []
@@ -133,17 +133,6 @@ def search(
             reason = "running_metric"
             break
     return SearchResult(lower + units * (upper - lower), front, changes, reason)
-
-
-def nondominated(units: Array, values: Array) -> tuple[Array, Array]:
-    """The non-dominated points without duplicates, sorted by the first objective.
-
-    units (n, m), values (n, n_objectives).
-    """
-    _, first = np.unique(values, axis=0, return_index=True)
-    best = NonDominatedSorting().do(values[first], only_non_dominated_front=True)
-    indices = first[np.sort(best)]
-    return units[indices], values[indices]
 
 
 def normalised(front: Array) -> Array:

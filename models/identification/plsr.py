@@ -389,23 +389,14 @@ class Plsr(PartialLeastSquares):
         mse = mse * z.y_scale**2
         residual = Vessel("residual", problem.nominal.dofs, samples.terms, z.table(theta))
         errors = self.bootstrap_errors(problem, z, lambda y: chosen(y)[0], rng)
-        diagnostics += order_diagnostics(mse, np.argmin(mse, axis=0), residual.dofs, self.selection)
+        for dof, own in zip(residual.dofs, mse.T.tolist(), strict=True):
+            unit, best, kind = SQUARE_UNIT[dof], float(np.argmin(own) + 1), self.selection
+            for i, value in enumerate(own, start=1):
+                diagnostics += (Diagnostic("order_mse", dof, value, unit, i, label=kind),)
+            diagnostics += (Diagnostic("selected_order", dof, best, label=kind),)
         diagnostics += scaled_coefficients(z, theta, residual)
         result = Identified(problem.nominal + residual, residual, errors, diagnostics)
         return finished(self, problem, lag, samples, result)
-
-
-def order_diagnostics(
-    mse: Array, chosen: NDArray[np.int64], dofs: tuple[str, ...], selection: str
-) -> tuple[Diagnostic, ...]:
-    """MSE of every order (orders, K) on left-out data, and the chosen order of each output (K,)."""
-    diagnostics = []
-    for k, dof in enumerate(dofs):
-        unit = SQUARE_UNIT[dof]
-        for i, value in enumerate(mse[:, k].tolist(), start=1):
-            diagnostics.append(Diagnostic("order_mse", dof, value, unit, i=i, label=selection))
-        diagnostics.append(Diagnostic("selected_order", dof, float(chosen[k] + 1), label=selection))
-    return tuple(diagnostics)
 
 
 def scaled_coefficients(z: Columns, theta: Array, residual: Vessel) -> tuple[Diagnostic, ...]:

@@ -230,7 +230,14 @@ class SurfacePlsr(PartialLeastSquares):
         sums = np.cumsum(fit_stages(moment, z.beta, stages), axis=0)
         tables = [Vessel("residual", dofs, samples.terms, z.table(part)) for part in sums]
         parts = [tables[0], *(b - a for a, b in pairwise(tables))]
-        diagnostics += stage_diagnostics(parts)
+        diagnostics += tuple(
+            Diagnostic("stage_coefficient", dof, float(value), coefficient_unit(term, dof), stage,
+                       label=term.name)
+            for stage, table in enumerate(parts if len(parts) > 1 else [], start=1)
+            for term, row in zip(table.terms, table.theta, strict=True)
+            for dof, value in zip(dofs, row, strict=True)
+            if value
+        )  # fmt: skip
         diagnostics += scaled_coefficients(z, sums[-1], tables[-1])
         errors = self.bootstrap_errors(problem, z, theta, rng)
         model = problem.nominal + tables[-1]
@@ -259,15 +266,3 @@ def surface_diagnostics(
             Diagnostic(f"selected_variables{suffix}", dof, count, label=label),
         ]
     return tuple(diagnostics)
-
-
-def stage_diagnostics(stages: list[Vessel]) -> tuple[Diagnostic, ...]:
-    """Each stage's coefficients, i is its number; of a single stage they are those of the table."""
-    return tuple(
-        Diagnostic("stage_coefficient", dof, float(value), coefficient_unit(term, dof), stage,
-                   label=term.name)
-        for stage, table in enumerate(stages if len(stages) > 1 else [], start=1)
-        for term, row in zip(table.terms, table.theta, strict=True)
-        for dof, value in zip(table.dofs, row, strict=True)
-        if value
-    )  # fmt: skip
