@@ -6,18 +6,18 @@ reference and the wind that are known in advance, by direct multiple shooting:
     min  sum |y_k - y_d,k|^2_Q + |u_k - u_{k-1}|^2_P + w (s_k + s_k^2)
     x_{k+1} = f(x_k, u_k),    x = (eta, nu, what acts, u_{k-1})
     n' (p + R(psi) v) >= d - s    for every line (n, d) and corner v of the hull
-    |u_k - u_{k-1}| <= limit of the rate,    |u_k| <= 1
+    |u_k - u_{k-1}| <= limit of the rate,    |u_k| <= 1,    F u_k <= 1
 
 u and what acts are shares of the limits; f is a step of the classical Runge-Kutta method with the
-force at its start, middle and end, which follows the held u by a first-order lag. Bock and Plitt
-(1984); free space as in Martinsen et al. (2019). All numbers are parameters, so that one program
-holds for all tables of the same terms. It is compiled once and kept with the kernels' machine code.
+force at its start, middle and end, which follows the held u by a first-order lag. F are the `faces`
+of what thrusters give together; of devices the lag is that of the slowest drive, the rate that of
+full thrust turned with the slowest azimuth. Bock and Plitt (1984); free space as in Martinsen et
+al. (2019). All numbers are parameters: one program, compiled once, holds for tables of these terms.
 
 The gain of the estimate is that of `estimator`, the prediction that of the model itself. The last
-plan, moved on by a step, is the first guess; where the mission has obstacles, each pose of it
-gives the lines to the nearest ones (`separating_lines`), beyond which the hull stays; the slack s
-keeps the problem feasible. Where fatrop finds no solution, ipopt is asked; where that finds none
-either, the command is that of the last plan.
+plan, moved on by a step, is the first guess. Each pose of it gives the lines to the nearest
+obstacles (`separating_lines`), beyond which the hull stays; the slack s keeps the problem feasible.
+Where fatrop finds no solution, ipopt is asked; without one the command is that of the last plan.
 """
 
 import hashlib
@@ -50,10 +50,10 @@ from seatrial.models.source_digest import replace_file
 from seatrial.models.symbols import ENTRY, entries, evaluate
 from seatrial.models.vessel.basis import Array
 from seatrial.models.vessel.kinematics import in_ned
+from seatrial.models.vessel.parameters import VesselParameters
 from seatrial.models.vessel.plant_table import PlantTable
 from seatrial.models.vessel.pose import Kinematics, kinematics_of
 from seatrial.models.vessel.scales import GRAVITY
-from seatrial.models.vessel.thruster import SecondOrderLag
 from seatrial.models.vessel.tuning import FromVessel
 from seatrial.models.weather.wind import WindForce
 
@@ -72,8 +72,7 @@ SOLVERS: dict[str, dict[str, Any]] = {  # the next one where one fails
     "fatrop": {"print_level": 0, "tolerance": 1e-6, "mu_init": 1e-2, "max_iter": 100},
     "ipopt": {"print_level": 0, "sb": "yes", "tol": 1e-6, "mu_init": 1e-2, "max_iter": 200},
 }
-# derivatives of a step by whole Jacobians without common subexpressions
-WHOLE = {"cse": True, "never_inline": True, "jac_penalty": 0}
+WHOLE = {"cse": True, "never_inline": True, "jac_penalty": 0}  # Jacobians, of a whole step
 ARGUMENTS = "eta", "nu", "acting", "force", "wind", "current", "coefficients"
 SPELLED = {
     "add": "plus", "subtract": "minus", "multiply": "times", "divide": "rdivide",
@@ -166,7 +165,7 @@ class Program:
         self.states = 3 * n + n * self.lagging
         self.width = self.states + n + self.slacks  # unknowns of a stage
         self.length = self.steps * self.width + self.states  # unknowns of all
-        self.rows = self.lines * self.corners + 2 * rates  # constraints of a stage
+        self.rows = self.lines * self.corners + 2 * rates + self.shared[8] // n  # of a stage
         self.stage = n, n, 2, 3 * self.lines  # target, force in NED, wind, lines
         low, high = (
             np.resize(np.repeat(values, (self.states, n, self.slacks)), self.length)
@@ -187,7 +186,7 @@ class Program:
         n = self.n
         x, w = ca.SX.sym("x", self.states), ca.SX.sym("w", self.n + self.slacks)
         q, c = ([ca.SX.sym("p", size) for size in sizes] for sizes in (self.stage, self.shared))
-        h, decay, scale, error, change, weight, most, hull, numbers = c
+        h, decay, scale, error, change, weight, most, hull, faces, numbers = c
         target, force, wind, lines = q
         moved, last, u, s = x[: 2 * n], x[self.states - n :], w[:n, 0], w[n:, 0]
         acting = [x[2 * n : 3 * n] if self.lagging else u]
@@ -208,15 +207,13 @@ class Program:
         cost = ca.sum1(error * (x[:n] - target) ** 2) + ca.sum1(change * (u - last) ** 2)
         cost += ca.sum1(weight * (s + s**2))
         rows = [most - (u - last), most + (u - last)] if self.shared[6] else []
+        rows += [1.0 - ca.reshape(faces, self.n, -1).T @ u] if self.shared[8] else []
         if self.lines:  # distances of the corners of the hull from the lines
             cos, sin, line = ca.cos(x[2]), ca.sin(x[2]), ca.reshape(lines, 3, self.lines)
             turned = ca.blockcat([[cos, -sin], [sin, cos]]) @ ca.reshape(hull, 2, self.corners)
             along = (turned + ca.repmat(x[:2], 1, self.corners)).T @ line[:2, :]
             rows.insert(0, ca.vec(along - ca.repmat(line[2, :], self.corners, 1)) + s)
-        of, known = (
-            [x, w, ca.vertcat(*q), ca.vertcat(*c)],
-            {"is_diff_in": [True, True, False, False]},
-        )
+        of, known = [x, w, *map(ca.vcat, (q, c))], {"is_diff_in": [True, True, False, False]}
         jacobian = {"jacobian_options": WHOLE | {"jacobian_options": {"cse": True}}}
         return (
             ca.Function("f", of, [ca.cse(after)], {**known, **WHOLE, **jacobian}),
@@ -310,7 +307,7 @@ class Nmpc(controller.PythonController):
     slack_weight: Positive
     kalman: estimator.Kalman
     wind: Annotated[WindForce | None, FromVessel("tuning.windage")]
-    thruster: Annotated[SecondOrderLag | None, FromVessel("thruster")] = None
+    vessel: VesselParameters
     length_m: Annotated[Positive, FromVessel("scales.length_m")]
 
     def __post_init__(self) -> None:
@@ -329,8 +326,8 @@ class Nmpc(controller.PythonController):
 
     def command_limits(self) -> tuple[float, ...]:
         """The limits of the force [N, Nm], and of the thrusters."""
-        most = None if self.thruster is None else self.thruster.amplitude_limit
-        return tuple(np.minimum(self.limits, most or np.inf).tolist())
+        lag = self.vessel.thruster
+        return tuple(np.minimum(self.limits, (lag and lag.amplitude_limit) or np.inf).tolist())
 
     def failures(self, state: NmpcMemory) -> int:
         """Number of problems that were not solved."""
@@ -342,7 +339,8 @@ class Nmpc(controller.PythonController):
 
     def design(self, model: Model, period_s: float, outlook: Outlook = NO_OUTLOOK) -> NmpcDesign:
         """The program for a model and an outlook, its shared parameters and its estimator."""
-        own, lag = controller.table_of(model), self.thruster
+        own, devices = controller.table_of(model), self.vessel.positioning
+        lag, thrusters = self.vessel.thruster, self.vessel.thrusters
         step_s = self.command_rows(period_s) * period_s
         linear = design_model(own, self.command_limits(), step_s, self.wind)
         observer = estimator.observer_of(linear, "kalman", self.kalman)
@@ -350,17 +348,21 @@ class Nmpc(controller.PythonController):
             own = own + self.wind.table(own.dofs)
         plant, limits = own.plant_table(), linear.limits
         hull = outlook.hull if outlook.obstacles and outlook.hull is not None else np.zeros((0, 2))
-        rate = np.array(lag.rate_limit) if lag and lag.rate_limit else np.zeros(0)
+        delay_s = devices.delay_s if devices else lag.delay_s if lag else 0.0
+        rate = np.array(lag.rate_limit) / limits if lag and lag.rate_limit else np.zeros(0)
+        if devices:
+            thrusters, rate = devices.forces(), devices.turning(len(limits))
+        faces = thrusters.faces(own.dofs, limits) if thrusters else np.zeros(0)
         largest = max(self.error_weight)  # tolerances are absolute
         effort = self.effort * (self.period_s / step_s) ** 2 * np.array(self.input_weight)
         shared: tuple[Any, ...] = (
-            [step_s], [0.0 if lag is None else float(np.exp(-0.5 * step_s / lag.delay_s))], limits,
+            [step_s], [math.exp(-0.5 * step_s / delay_s) if delay_s else 0.0], limits,
             np.array(self.error_weight) / largest, effort / largest,
             [self.slack_weight * self.length_m] * (len(hull) > 0),
-            rate * step_s / limits[: len(rate)], hull.ravel(), coefficients(plant),
+            rate * step_s, hull.ravel(), faces.ravel(), coefficients(plant),
         )  # fmt: skip
         sizes, lines = tuple(map(len, shared)), self.lines * (len(hull) > 0)
-        program = Program(plant, own.dofs, lag is not None, self.horizon, lines, sizes)
+        program = Program(plant, own.dofs, delay_s > 0.0, self.horizon, lines, sizes)
         return NmpcDesign(model, period_s, observer, outlook, program, np.concatenate(shared))
 
     def start(self, design: NmpcDesign) -> NmpcMemory:
@@ -424,8 +426,7 @@ class Nmpc(controller.PythonController):
             wind[:] = outlook.wind_ned[np.minimum(rows, last - 1)]
             if rows[0] < len(outlook.wind_noise):
                 wind[0] += in_ned(outlook.wind_noise[rows[0]], estimator.heading(observer, past.x))
-        if program.lines:
-            assert outlook.hull is not None and outlook.obstacles is not None  # noqa: PT018
+        if program.lines and outlook.hull is not None and outlook.obstacles is not None:
             poses = program.stages(plan)[:, :3]
             nearest = separating_lines(outlook.hull, poses, outlook.obstacles, program.lines)
             nearest[:, :, 2] += self.margin * self.length_m

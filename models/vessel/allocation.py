@@ -22,6 +22,7 @@ feedback. Fossen (2021), section 11.2.
 from collections.abc import Callable, Mapping, Sequence
 from contextlib import suppress
 from dataclasses import dataclass
+from itertools import product
 from typing import Annotated, Literal, NamedTuple
 
 import numpy as np
@@ -363,6 +364,25 @@ class Allocation:
             T, spare, low, high, first, u, pull, kept, multiplier, way, reach, give, G
         )
 
+    def faces(self, dofs: Sequence[str], limits: Array) -> Array:
+        """Half-spaces F u <= 1, (k, n_dof), that hold every force that the thrusters give together.
+
+        u are shares of the `limits` [N, Nm], which bound the axes alone. The force along a normal d
+        is at most h(d) = sum_t max d' T_t u_t, the support function of the sum of the thrusters'
+        sets: Schneider (2014), Convex bodies, section 1.7. Normals are those of the cut edges and
+        corners of the box of the limits; where nothing is allocated there are none.
+        """
+        if isinstance(table := self.table(dofs), Direct):
+            return np.zeros((0, len(limits)))
+        normals = np.array([*product((-1.0, 0.0, 1.0), repeat=len(limits))])
+        normals = normals[np.count_nonzero(normals, axis=1) > 1]
+        along = np.split(table.T.T @ (normals / limits).T, table.first[1:-1])
+        most = [  # of every thruster, in each direction
+            high * np.hypot(*g) if len(g) > 1 else np.maximum(high * g[0], low * g[0])
+            for g, low, high in zip(along, table.low, table.high, strict=True)
+        ]
+        return np.asarray(normals / np.sum(most, axis=0)[:, None])
+
     def allocate(self, tau: Array, dofs: Sequence[str]) -> Allocated:
         """Thruster forces that produce the forces tau [N, Nm], shape (N, n_dof)."""
         table = self.table(dofs)
@@ -422,6 +442,20 @@ class DeviceAllocation:
             np.array([(d.angle_rad, i.low, i.high) for d, i in zip(own, turns, strict=True)]),
             np.array([i.start for i in turns]),
         )  # fmt: skip
+
+    @property
+    def delay_s(self) -> float:
+        """Time constant of the slowest drive [s]; 0 if all follow at once."""
+        return max(self.inputs[device.drive].time_constant_s or 0.0 for device in self.devices)
+
+    def turning(self, n_dof: int) -> Array:
+        """Rate of the force on each axis [1/s], a share of its limit; (0,) if none is limited.
+
+        It is that of full thrust, turned with the slowest azimuth.
+        """
+        turns = [self.inputs[d.alpha].rate_limit for d in self.devices if d.alpha is not None]
+        slowest = min((rate for rate in turns if rate is not None), default=None)
+        return np.zeros(0) if slowest is None else np.full(n_dof, slowest)
 
     def limits(self, dofs: tuple[str, ...]) -> tuple[float, ...]:
         """Largest force on each axis alone, in both directions [N, Nm]."""

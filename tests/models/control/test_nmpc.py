@@ -1,5 +1,8 @@
 """Nonlinear predictive control: its optimum against others, its limits, and free space."""
 
+import os
+import subprocess
+import sys
 from dataclasses import replace
 from itertools import pairwise
 from pathlib import Path
@@ -16,12 +19,13 @@ from seatrial.models.errors import ConfigurationError
 from seatrial.models.simulation.registry import CONTROLLERS
 from seatrial.models.simulation.voyage import NO_OUTLOOK, Outlook
 from seatrial.models.vessel.basis import Array
-from tests.trials import composed
+from seatrial.runner.trials.closed_loop import Streams, commanded, drawn
+from tests.trials import composed, sailed
 
 pytest.importorskip("casadi", reason="casadi is not installed: pip install '.[nmpc]'")
 HULL = np.array([[2.5, 0.0], [1.0, 1.4], [-2.5, 1.4], [-2.5, -1.4], [1.0, -1.4]])
 QUAY = np.array([[-20.0, 6.0], [20.0, 6.0], [20.0, 12.0], [-20.0, 12.0]])
-PERIOD_S, MARGIN_M = 0.1, 0.1
+PERIOD_S, MARGIN_M = 0.1, 0.05
 COMPILE = nmpc.compile_to
 
 
@@ -34,7 +38,7 @@ def _interpreted(monkeypatch: pytest.MonkeyPatch) -> None:
 def test_a_vessel_on_one_axis_has_a_program() -> None:
     plant = parameters_of("surge_linear").nominal().plant_table()
     program = Program(
-        plant, ("surge",), False, 5, 0, (1, 1, 1, 1, 1, 0, 0, 0, len(coefficients(plant)))
+        plant, ("surge",), False, 5, 0, (1, 1, 1, 1, 1, 0, 0, 0, 0, len(coefficients(plant)))
     )
     assert program.problem()["x"].numel() == program.length
 
@@ -71,8 +75,9 @@ def commands(
 
 def test_a_plan_obeys_the_equation_of_motion_and_the_limits() -> None:
     one, rate_limits = controller("controller.effort=1e-4"), (300.0, 300.0, 900.0)
-    assert one.thruster is not None
-    table, memory = ready(replace(one, thruster=replace(one.thruster, rate_limit=rate_limits)))
+    assert one.vessel.thruster is not None
+    limited = replace(one.vessel, thruster=replace(one.vessel.thruster, rate_limit=rate_limits))
+    table, memory = ready(replace(one, vessel=limited))
     taus, _ = commands(table, memory, np.array([8.0, -6.0, 1.0]), np.zeros(3), 12)
     limits, rates = np.array([1000.0, 1000.0, 1500.0]), np.array(rate_limits) * 0.5
     assert memory.estimated.failures[0] == 0
@@ -175,3 +180,74 @@ def test_without_the_package_or_with_a_limit_of_zero_the_refusal_is_one_line(
     nmpc.solvers.cache_clear()
     with pytest.raises(ConfigurationError, match=r"pip install 'seatrial\[nmpc\]'"):
         replace(one)
+
+
+def first_command(scale: float) -> Array:
+    """By a table that is `scale` times the ferry's."""
+    one = controller("controller.horizon=3")
+    table, memory = one.build(scale * parameters_of("milliampere").nominal(), PERIOD_S)
+    commands(one.foresee(table, NO_OUTLOOK), memory, np.array([2.0, -1.0, 0.4]), np.zeros(3), 1)
+    return memory.command
+
+
+def test_a_program_is_found_again_by_a_new_process(tmp_path: Path) -> None:
+    """For another table of the same terms; no compiler is asked then."""
+    words = """
+import sys, pathlib
+from tests.models.control import test_nmpc
+test_nmpc.nmpc.cache_folder = lambda: pathlib.Path(sys.argv[1])
+print(*test_nmpc.first_command(float(sys.argv[2])))
+"""
+    for scale, compiler in ((1.0, "cc"), (0.7, "no-such-compiler")):
+        done = subprocess.run(
+            [sys.executable, "-c", words, str(tmp_path), str(scale)],
+            env={**os.environ, "CC": compiler}, capture_output=True, text=True, check=True,
+        )  # fmt: skip
+        assert "CasADi interprets" not in done.stderr
+        assert len([*tmp_path.glob("nmpc-fatrop-*.so")]) == 1
+        found = np.array(done.stdout.split(), dtype=float)
+        np.testing.assert_allclose(found, first_command(scale), atol=1e-5)
+
+
+def test_the_forces_are_those_that_azimuths_give_together_and_turn_to() -> None:
+    """On a diagonal course each axis alone could give more; the allocation then scales nothing."""
+    words = "vessel=milliampere_azimuths", "controller=nmpc", "controller.horizon=8"
+    one = composed(*words, "controller.effort=1e-4", "controller.step=0.28").controller
+    assert isinstance(one, Nmpc)
+    assert one.vessel.positioning is not None
+    table, memory = one.build(commanded(one.vessel.nominal(), one), PERIOD_S)
+    table = one.foresee(table, NO_OUTLOOK)
+    taus, _ = commands(table, memory, np.array([60.0, 60.0, 3.0]), np.zeros(3), 20)
+    assert memory.estimated.failures[0] == 0
+    limits = np.array(one.limits)
+    shares = np.diff(np.vstack([np.zeros(3), taus / limits]), axis=0)
+    assert np.max(np.abs(shares)) == pytest.approx(1.4 * 0.2, rel=1e-3)  # rad/s in 0.2 s
+    forces = one.vessel.positioning.forces()
+    given = forces.allocate(taus, one.vessel.dofs)
+    share = np.linalg.norm(given.applied / limits, axis=1) / np.linalg.norm(taus / limits, axis=1)
+    alone = forces.allocate(limits * np.sign(taus[-1:]), one.vessel.dofs).applied / limits
+    assert np.max(np.abs(alone)) < 0.75
+    assert np.min(share) > 0.9
+
+
+@pytest.mark.parametrize("evaluation", ["station_keeping", "square", "docking"])
+def test_an_unknown_force_leaves_no_error_in_positioning_on_a_path_and_in_a_berth(
+    evaluation: str,
+) -> None:
+    """Nor do coefficients that are wrong by 30 %."""
+    words = [
+        "vessel=milliampere", "identifier=none", "plant.scale=0.7", "disturbance=constant",
+        "disturbance.force.north_n=40.0", "disturbance.force.east_n=60.0", "controller=nmpc",
+        "controller.horizon=20", f"evaluation={evaluation}", "seed=1",
+        {
+            "station_keeping": "evaluation.duration_s=60.0", "square": "evaluation.duration_s=90.0",
+            "docking": "evaluation.rests=[2.0,15.0]",
+        }[evaluation],
+    ]  # fmt: skip
+    trial = drawn(composed(*words), Streams(1))
+    result = sailed(trial, trial.evaluation)
+    log = result.voyage.log
+    assert result.failures == 0
+    assert np.max(np.abs(log.eta[-1] - log.eta_d[-1])) < 2e-2
+    if evaluation != "square":  # which is on its way
+        assert np.max(np.abs(log.eta[-1] - log.setpoint[-1])) < 2e-3

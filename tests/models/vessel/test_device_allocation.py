@@ -59,6 +59,25 @@ def test_devices_give_the_demanded_force(name: str) -> None:
 
 
 @pytest.mark.parametrize("name", POSITIONED)
+def test_the_faces_hold_all_forces_of_the_thrusters_and_touch_them(name: str) -> None:
+    """By thrusts at their limits: at random directions, and along the normal of each face."""
+    forces, limits = allocation(name).forces(), np.array(allocation(name).limits(PLANAR))
+    faces, table = forces.faces(PLANAR, limits), forces.table(PLANAR)
+    normals = np.vstack([np.sign(faces), np.random.default_rng(0).normal(size=(500, 3))]) / limits
+    reached = np.zeros((len(normals), 3))
+    for low, high, T in zip(
+        table.low, table.high, np.split(table.T.T, table.first[1:-1]), strict=True
+    ):
+        along = normals @ T.T
+        size = np.maximum(np.linalg.norm(along, axis=1), 1e-300)
+        astern = (along[:, 0] < 0.0) & (len(T) == 1)
+        reached += (np.where(astern, -low, high) / size)[:, None] * along @ T
+    share = reached / limits @ faces.T
+    assert np.max(share) < 1.0 + 1e-12
+    np.testing.assert_allclose(np.diag(share), 1.0)
+
+
+@pytest.mark.parametrize("name", POSITIONED)
 def test_what_cannot_be_reached_keeps_its_direction(name: str) -> None:
     table, ship = allocation(name).table(PLANAR), vessel(name)
     size = np.array(allocation(name).limits(PLANAR))
