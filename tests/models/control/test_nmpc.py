@@ -230,24 +230,30 @@ def test_the_forces_are_those_that_azimuths_give_together_and_turn_to() -> None:
     assert np.min(share) > 0.9
 
 
-@pytest.mark.parametrize("evaluation", ["station_keeping", "square", "docking"])
+@pytest.mark.parametrize(
+    ("evaluation", "options", "most_m"),
+    [
+        ("station_keeping", ["evaluation.duration_s=60.0"], 2e-3),
+        pytest.param(
+            "square",
+            ["evaluation.duration_s=180.0", "evaluation.scale=3.0"],
+            0.1,
+            marks=pytest.mark.slow,
+        ),
+        pytest.param("docking", ["evaluation.rests=[2.0,25.0]"], 5e-3, marks=pytest.mark.slow),
+    ],
+)
 def test_an_unknown_force_leaves_no_error_in_positioning_on_a_path_and_in_a_berth(
-    evaluation: str,
+    evaluation: str, options: list[str], most_m: float
 ) -> None:
-    """Nor do coefficients that are wrong by 30 %."""
-    words = [
+    """Nor do coefficients that are wrong by 30 %. Without the estimate it is 0.5 m or more."""
+    words = (
         "vessel=milliampere", "identifier=none", "plant.scale=0.7", "disturbance=constant",
         "disturbance.force.north_n=40.0", "disturbance.force.east_n=60.0", "controller=nmpc",
-        "controller.horizon=20", f"evaluation={evaluation}", "seed=1",
-        {
-            "station_keeping": "evaluation.duration_s=60.0", "square": "evaluation.duration_s=90.0",
-            "docking": "evaluation.rests=[2.0,15.0]",
-        }[evaluation],
-    ]  # fmt: skip
+        "controller.horizon=20", f"evaluation={evaluation}", "seed=1", *options,
+    )  # fmt: skip
     trial = drawn(composed(*words), Streams(1))
     result = sailed(trial, trial.evaluation)
-    log = result.voyage.log
     assert result.failures == 0
-    assert np.max(np.abs(log.eta[-1] - log.eta_d[-1])) < 2e-2
-    if evaluation != "square":  # which is on its way
-        assert np.max(np.abs(log.eta[-1] - log.setpoint[-1])) < 2e-3
+    error = np.abs(result.voyage.log.eta - result.voyage.log.eta_d)[-1]
+    assert np.max(error) < most_m
