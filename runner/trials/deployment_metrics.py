@@ -83,12 +83,14 @@ def deploy(
         models["identified"] = identified.model if linear is None else linear
     if trial.update is not None:
         models["adaptive"] = nominal
-    results, failure = Results(note=note), None
+    results, failure, last = Results(note=note), None, None
     for name, model in models.items():
         prepared = prepare(trial, seeds, model, mission, deployed=True, true=true)
         results += of_design(prepared.design, name)
         try:
-            sailed = prepared.sail(trial.update if name == "adaptive" else None)
+            if name == "adaptive" or model is not last:  # else the voyage is the same
+                sailed = prepared.sail(trial.update if name == "adaptive" else None)
+                last = model
         except Diverged as error:
             failure = Diverged(f"{name} model: {error}", error.time_s, error.quantity)
             continue
