@@ -133,6 +133,9 @@ docking: $(VENV)/test.stamp  # with CasADi, for nmpc
 	    --variant 'identifier=auto plant.scale=0.7' --variant 'identifier=none plant.scale=1.0' \
 	    model_error=false results_dir=results/docking sweep.name=docking hydra/launcher=processes $(KEPT)
 	$(BIN)/python docs/refresh.py docs.docking
+	$(BIN)/python -m runner vessel=milliampere excitation=prbs evaluation=docking 'disturbance=[wind,noise]' controller=nmpc \
+	    plant.scale=0.7 model_error=false seed=3 results_dir=results/docking_film $(KEPT)
+	$(BIN)/python -m runner.compare animate 1 --to docs/assets/docking.gif --database sqlite:///results/docking_film/results.db
 
 # Tasks on outside data are left out where SEATRIAL_DATA does not hold them. What was run is kept:
 # the same command runs what is missing. BENCHMARK='--task ... --entrant ...' runs a part.
