@@ -348,10 +348,15 @@ class Nmpc(controller.PythonController):
             own = own + self.wind.table(own.dofs)
         plant, limits = own.plant_table(), linear.limits
         hull = outlook.hull if outlook.obstacles and outlook.hull is not None else np.zeros((0, 2))
-        delay_s = devices.delay_s if devices else lag.delay_s if lag else 0.0
-        rate = np.array(lag.rate_limit) / limits if lag and lag.rate_limit else np.zeros(0)
+        delay_s, rate = lag.delay_s if lag else 0.0, np.zeros(0)
+        if lag and lag.rate_limit:
+            rate = np.array(lag.rate_limit) / limits
         if devices:
-            thrusters, rate = devices.forces(), devices.turning(len(limits))
+            thrusters, inputs, turning = devices.forces(), devices.inputs, math.inf
+            for one in devices.devices:
+                delay_s = max(delay_s, inputs[one.drive].time_constant_s or 0.0)
+                turning = min(turning, (one.alpha and inputs[one.alpha].rate_limit) or math.inf)
+            rate = np.full(len(limits), turning) if turning < math.inf else rate
         faces = thrusters.faces(own.dofs, limits) if thrusters else np.zeros(0)
         largest = max(self.error_weight)  # tolerances are absolute
         effort = self.effort * (self.period_s / step_s) ** 2 * np.array(self.input_weight)

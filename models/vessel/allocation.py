@@ -443,20 +443,6 @@ class DeviceAllocation:
             np.array([i.start for i in turns]),
         )  # fmt: skip
 
-    @property
-    def delay_s(self) -> float:
-        """Time constant of the slowest drive [s]; 0 if all follow at once."""
-        return max(self.inputs[device.drive].time_constant_s or 0.0 for device in self.devices)
-
-    def turning(self, n_dof: int) -> Array:
-        """Rate of the force on each axis [1/s], a share of its limit; (0,) if none is limited.
-
-        It is that of full thrust, turned with the slowest azimuth.
-        """
-        turns = [self.inputs[d.alpha].rate_limit for d in self.devices if d.alpha is not None]
-        slowest = min((rate for rate in turns if rate is not None), default=None)
-        return np.zeros(0) if slowest is None else np.full(n_dof, slowest)
-
     def limits(self, dofs: tuple[str, ...]) -> tuple[float, ...]:
         """Largest force on each axis alone, in both directions [N, Nm]."""
         allocation, n = self.forces(), len(dofs)
