@@ -89,21 +89,45 @@ CREATE VIEW coefficient_error AS
   FROM coefficient JOIN run ON run.id = coefficient.run_id
   WHERE coefficient.true_value IS NOT NULL"""
 # One row a metric and experiment, which is all that a trial computes from but its seed: options,
-# files and code. A trial counts once, by its valid attempt.
+# files and code. A trial counts once, by its valid attempt, or as one that was planned and never
+# started. Such a trial is of the experiment of those that its sweep planned with the same options
+# but for the seed; where none of them has a run, it bears the least of their fingerprints. An
+# experiment without a finished trial has a row for each metric of its vessel.
 _COMPARISON = """
 CREATE VIEW comparison AS
-  WITH trial AS (
-    SELECT run.id, run.status, {groups}, coalesce(run.experiment, run.fingerprint) AS experiment,
-      count(*) OVER (PARTITION BY coalesce(run.experiment, run.fingerprint)) AS trials
+  WITH beside AS (
+    SELECT planned.fingerprint, {planned_groups}, run.id,
+      max(run.experiment) OVER same AS experiment, min(planned.fingerprint) OVER same AS least
+    FROM planned LEFT JOIN run ON run.fingerprint = planned.fingerprint
+    WINDOW same AS (PARTITION BY planned.sweep_id, CAST(planned.choices AS TEXT),
+      replace(CAST(planned.overrides AS TEXT), '"seed=' || planned.seed || '"', ''))
+  ), trial AS (
+    SELECT run.id, run.status, {groups}, coalesce(run.experiment, run.fingerprint) AS experiment
     FROM run WHERE {superseded} = 0
+    UNION ALL
+    SELECT NULL, 'not started', {least_groups}, coalesce(max(experiment), min(least))
+    FROM beside WHERE id IS NULL GROUP BY fingerprint
+  ), counted AS (
+    SELECT {choice}, experiment, count(*) AS trials,
+      count(CASE WHEN status = 'finished' THEN 1 END) AS finished
+    FROM trial GROUP BY {choice}, experiment
+  ), kind AS (
+    SELECT DISTINCT run.vessel, metric.stage, metric.model, metric.dof, metric.name, metric.unit
+    FROM metric JOIN run ON run.id = metric.run_id
   )
-  SELECT {trial_groups}, trial.experiment,
+  SELECT {counted_groups}, counted.experiment,
     metric.stage, metric.model, metric.dof, metric.name,
     avg(metric.value) AS mean, min(metric.value) AS smallest, max(metric.value) AS largest,
-    metric.unit, count(metric.value) AS n, trial.trials - count(metric.value) AS without_value
+    metric.unit, count(metric.value) AS n, counted.trials - count(metric.value) AS without_value
   FROM trial JOIN metric ON metric.run_id = trial.id AND trial.status = 'finished'
-  GROUP BY {trial_groups}, trial.experiment, trial.trials,
-    metric.stage, metric.model, metric.dof, metric.name, metric.unit"""
+    JOIN counted ON counted.experiment = trial.experiment
+  GROUP BY {counted_groups}, counted.experiment, counted.trials,
+    metric.stage, metric.model, metric.dof, metric.name, metric.unit
+  UNION ALL
+  SELECT {counted_groups}, counted.experiment,
+    kind.stage, kind.model, kind.dof, kind.name, NULL, NULL, NULL, kind.unit, 0, counted.trials
+  FROM counted LEFT JOIN kind ON kind.vessel = counted.vessel
+  WHERE counted.finished = 0"""
 _TYPES = {bool: Integer, datetime: Utc, float: Float, int: Integer, str: String}
 run_overview = table(
     "run_overview",
@@ -124,7 +148,10 @@ def statements(dialect: str) -> tuple[str, ...]:
         "superseded": _SUPERSEDED,
         "choices": ", ".join(f"run.{name}" for name in (*GROUPS, "seed")),
         "groups": ", ".join(f"run.{name}" for name in GROUPS),
-        "trial_groups": ", ".join(f"trial.{name}" for name in GROUPS),
+        "choice": ", ".join(GROUPS),
+        "counted_groups": ", ".join(f"counted.{name}" for name in GROUPS),
+        "planned_groups": ", ".join(f"planned.choices ->> '{name}' AS {name}" for name in GROUPS),
+        "least_groups": ", ".join(f"min({name})" for name in GROUPS),
     }
     headlines = ",\n    ".join(
         _HEADLINE.format(column=column, stage=stage, model=model, dof=dof, name=name)

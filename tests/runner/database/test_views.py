@@ -7,6 +7,7 @@ import pytest
 from seatrial.runner.database import LogbookWriter
 from seatrial.runner.database.views import HEADLINES, METRIC_NAMES, run_overview
 from seatrial.runner.record.rows import Coefficient, Metric, Results
+from tests.runner.compare.stored import planned
 from tests.runner.database.samples import make_results, make_start
 
 
@@ -94,6 +95,38 @@ def test_the_comparison_keeps_conditions_apart_and_counts_what_is_lost(
         ("pid", "pid", 0.5, 0.25, 0.75, 2, 2),
         ("pid", "other gain", 2.0, 2.0, 2.0, 1, 0),
         ("lqi", "lqi", 4.0, 4.0, 4.0, 1, 0),
+    ]
+
+
+def test_the_comparison_counts_trials_that_never_started(logbook: LogbookWriter) -> None:
+    """A planned trial is of the experiment of those planned with it, but for the seed."""
+    begins = [
+        make_start(10 * k + seed, experiment=experiment, identifier=name, seed=seed, vessel=vessel,
+                   overrides=[f"identifier={name}", "identifier.seed=0", f"seed={seed}"])
+        for k, (experiment, name, vessel) in enumerate((
+            ("least squares", "ls", "milliampere"), ("partial", "plsr", "milliampere"),
+            ("instruments", "iv", "milliampere"), ("other vessel", "ls", "tug"),
+        ))
+        for seed in range(6)
+    ]  # fmt: skip
+    rows = planned(begins)
+    first = logbook.begin_sweep("first", "command", [], len(rows[:3]), trials=rows[:3])
+    sweep = logbook.begin_sweep("all", "command", [], len(rows), trials=rows)
+    metric = Metric("deployment", "identified", "position", "e_pos_mae", 1.0, "m")
+    for begin in begins[:2]:  # seeds 0 and 1 of ls; one that both sweeps have planned counts once
+        logbook.finish_run(logbook.begin_run(begin, first).run_id, Results(metrics=[metric]))
+    for begin in begins[6:9]:  # three of plsr have failed, none of iv and of the tug has a run
+        run = logbook.begin_run(begin, sweep).run_id
+        logbook.fail_run(run, "failed", "ValueError", "no", None)
+    answer = logbook.sql(
+        "SELECT vessel, identifier, experiment, name, mean, n, without_value FROM comparison"
+        " ORDER BY vessel, identifier"
+    )
+    assert answer.rows == [
+        ("milliampere", "iv", begins[12].fingerprint, "e_pos_mae", None, 0, 6),
+        ("milliampere", "ls", "least squares", "e_pos_mae", 1.0, 2, 4),
+        ("milliampere", "plsr", "partial", "e_pos_mae", None, 0, 6),
+        ("tug", "ls", begins[18].fingerprint, None, None, 0, 6),
     ]
 
 
