@@ -1,7 +1,19 @@
 """Comparison tables computed again from the raw rows of a logbook, by pandas and scipy alone.
 
 Nothing of `seatrial.runner.compare` is imported: what a table says must follow from the tables
-`run`, `metric`, `planned` and `reuse` by the rules that the guide states.
+`run`, `metric`, `planned` and `reuse` by these laws.
+
+- A trial counts once, by its last finished attempt, else by its last one; one that was planned and
+  has no run never started. What has no finite value is lost, by its reason. A finished trial
+  without such a row is one whose method has no such number: it is not applicable, and lost nothing.
+- A trial that drew no random stream is of every seed, and all like it are one experiment.
+- Two numbers that differ by no more than a millionth or the resolution are equal.
+- The baseline is compared with over the seeds that both have. A pair that a cell lost is not won.
+- p is Wilcoxon's of at least five distinct pairs, beside it Holm's over the table; r is the share of
+  the rank sum that is for the cell less that against it (Kerby, 2014).
+- Best is the least of several cells of a column over the same seeds: those of the baseline, without
+  a baseline those that most cells have. Who lacks one of them or lost a trial does not take part,
+  and a cell without a rival is the best of nothing.
 """
 
 import json
@@ -34,50 +46,62 @@ def frame(database: Path, metric: str, dof: str, sweep: int) -> pd.DataFrame:
     choices = pd.DataFrame([json.loads(text) for text in waiting.choices], index=waiting.index)
     absent = choices.assign(seed=waiting.seed, status="not started", drawn="null")
     trials = pd.concat([trials, absent], ignore_index=True)
-    trials["applies"] = ~((trials.status == "finished") & trials.run_id.isna())
+    finished = trials.status == "finished"
+    valid = np.isfinite(trials.value.astype(float))
+    trials["reason"] = trials.status.where(~finished, "without value").str.replace(" ", "_")
+    trials.loc[finished & trials.run_id.isna(), "reason"] = "not_applicable"
+    trials.loc[finished & valid, "reason"] = ""
     drawn = trials.drawn.fillna("null").map(json.loads)
     trials["place"] = [
-        EVERY if streams == [] and status == "finished" else str(seed)
-        for streams, status, seed in zip(drawn, trials.status, trials.seed, strict=True)
+        EVERY if streams == [] and done else str(seed)
+        for streams, done, seed in zip(drawn, finished, trials.seed, strict=True)
     ]
     return trials
 
 
 def table(
-    trials: pd.DataFrame, rows: str, columns: str, baseline: str, statistic: str
+    trials: pd.DataFrame, rows: str, columns: str, baseline: str | None, statistic: str
 ) -> pd.DataFrame:
-    """The cells by row and column: statistic, n, lost, ratio, wins, pairs, p, Holm's p and best."""
-    cells = {}
-    for key, trial in trials[trials.applies].groupby([rows, columns]):
-        known = trial[(trial.status == "finished") & np.isfinite(trial.value.astype(float))]
-        lost = trial[~trial.index.isin(known.index)]
-        cells[key] = known.groupby("place").value.last().astype(float), {*lost.seed.map(str)}
-    found = []
-    for (row, column), (values, lost) in cells.items():
-        own = {"row": row, "column": column, "n": len(values), "lost": len(lost)}
+    """The cells: statistic, counts, ratio, wins, pairs, p, Holm's p, effect, and which is best."""
+    cells, found = {}, []
+    for (row, column), trial in trials.groupby([rows, columns]):
+        known = trial[trial.reason == ""].drop_duplicates("place", keep="last").set_index("place")
+        values = known.value.astype(float)
+        lost = {*trial.seed[~trial.reason.isin(["", "not_applicable"])].map(str)}
+        cells[row, column] = values, lost
+        own = {"row": row, "column": column, "n": len(values)}
+        found.append(own | trial.reason[trial.reason != ""].value_counts().to_dict())
+    nothing = (pd.Series(dtype=float), set())
+    for own in found:
+        values, lost = cells[own["row"], own["column"]]
         own["value"] = getattr(values, statistic)() if len(values) else np.nan
-        reference = cells.get((baseline, column), (values[:0], set()))[0]
-        if row != baseline and len(values):
-            own |= _pairs(values, reference, lost)
-        found.append(own)
+        if baseline and own["row"] != baseline and len(values):
+            own |= _pairs(values, cells.get((baseline, own["column"]), nothing)[0], lost)
     result = pd.DataFrame(found)
     result["p_holm"] = _holm(result.get("p", pd.Series(np.nan, result.index)))
     result["best"] = False
     for column, part in result.groupby("column"):
-        reference = cells.get((baseline, column), (pd.Series(dtype=float), set()))[0]
-        seeds = [place for place in reference.index if place != EVERY]
-        losses = {}
-        for index, cell in part.iterrows():
-            values, lost = cells[cell.row, column]
-            whole = EVERY in values.index or {*seeds} <= {*values.index}
-            if len(values) and not lost and whole:
-                chosen = values if EVERY in values.index or not seeds else values[seeds]
-                losses[index] = getattr(chosen, statistic)()
+        samples = {index: cells[cell.row, column] for index, cell in part.iterrows()}
+        seeds = _seeds([own for own, _ in samples.values()], cells.get((baseline, column)))
+        losses = {
+            index: getattr(values if EVERY in values.index else values[seeds], statistic)()
+            for index, (values, lost) in samples.items()
+            if len(values) and not lost and (EVERY in values.index or {*seeds} <= {*values.index})
+        }
         for index, loss in losses.items():
             lowest = min(losses.values())
             same = abs(loss - lowest) <= max(1e-6 * max(abs(loss), abs(lowest)), RESOLUTION)
             result.loc[index, "best"] = same and len(losses) > 1
     return result
+
+
+def _seeds(samples: list[pd.Series], baseline: tuple[pd.Series, set[str]] | None) -> list[str]:
+    """The seeds of the baseline; without one those that more than half of the cells have."""
+    if baseline is not None and len(baseline[0]):
+        return [place for place in baseline[0].index if place != EVERY]
+    drawn = [[*own.index] for own in samples if {*own.index} - {EVERY}]
+    places = sorted({place for own in drawn for place in own} - {EVERY})
+    return [place for place in places if 2 * sum(place in own for own in drawn) > len(drawn)]
 
 
 def _pairs(values: pd.Series, reference: pd.Series, lost: set[str]) -> dict[str, float]:
@@ -93,8 +117,13 @@ def _pairs(values: pd.Series, reference: pd.Series, lost: set[str]) -> dict[str,
     gone = {seed for seed in lost - {*places} if seed in known or EVERY in known}
     distinct = len({*zip(mine, other, strict=True)})
     p = scipy.stats.wilcoxon(gain).pvalue if distinct >= LEAST_PAIRS and np.any(gain) else np.nan
+    moved = gain[gain != 0.0]
+    ranks = pd.Series(abs(moved)).rank().to_numpy()
+    effect = (ranks[moved > 0].sum() - ranks[moved < 0].sum()) / ranks.sum() if len(moved) else 0.0
     return {
         "ratio": mine.mean() / other.mean() if len(mine) else np.nan,
+        "difference": mine.mean() - other.mean() if len(mine) else np.nan,
+        "effect": effect if len(mine) else np.nan,
         "wins": int((gain > 0).sum()), "pairs": len(mine), "lost_pairs": len(gone), "p": p,
     }  # fmt: skip
 

@@ -12,8 +12,10 @@ from seatrial.runner.compare.table import comparison
 from tests.audit.recomputed import frame, table
 from tests.runner.compare import stored
 
-SAME = {"value": "median", "ratio": "ratio", "p": "p_value", "p_holm": "p_holm"}
-EQUAL = {"n": "n", "wins": "wins", "pairs": "pairs", "lost_pairs": "lost_pairs", "best": "best"}
+SAME = {"value": "median", "p": "p_value"}
+SAME |= {name: name for name in ("ratio", "difference", "effect", "p_holm")}
+COUNTS = ("failed", "without_value", "not_applicable", "not_started")
+EQUAL = ("n", *COUNTS, "wins", "pairs", "lost_pairs", "best")
 
 
 def fill(folder: Path, draw: random.Random) -> None:
@@ -43,30 +45,38 @@ def fill(folder: Path, draw: random.Random) -> None:
             stored.finish(logbook, begin, metrics, drawn=streams, sweep=sweep)
 
 
-def agrees(folder: Path, cells: int) -> None:
+def agrees(folder: Path, cells: int, baseline: str | None = "none") -> None:
     """Compare the table of tracking errors of sweep 1 with one from the raw rows."""
     expected = table(
         frame(folder / "results.db", "e_pos_mae", "position", 1),
-        "identifier", "disturbance", "none", "median",
+        "identifier", "disturbance", baseline, "median",
     )  # fmt: skip
+    expected = expected.reindex(columns=[*{*expected, *COUNTS, *SAME, *EQUAL}])
+    expected = expected.fillna(dict.fromkeys(COUNTS, 0))
+    against = [f"identifier={baseline}"] if baseline else None
     asked = TableOptions(
-        metric=["e_pos_mae"], statistic=["median", "n"], baseline=["identifier=none"], sweep="1"
+        metric=["e_pos_mae"], statistic=["median", "n"], baseline=against, sweep="1"
     )
     with open_results(f"sqlite:///{folder}/results.db") as results:
         records = comparison(results, asked).as_records()
     shown = {(r["identifier"], r["disturbance"]): r for r in records}
-    assert len(expected) >= cells
+    assert len(expected) == len(shown) >= cells
     for cell in expected.to_dict("records"):
         record = shown[cell["row"], cell["column"]]
         for mine, theirs in SAME.items():
-            own, other = (float("nan") if v is None else v for v in (cell[mine], record[theirs]))
+            own, other = (
+                float("nan") if v is None else v for v in (cell[mine], record.get(theirs))
+            )
             assert own == pytest.approx(other, rel=1e-9, nan_ok=True), (mine, cell, record)
-        for mine, theirs in EQUAL.items():
-            if not (record[theirs] is None and np.isnan(cell[mine])):
-                assert cell[mine] == record[theirs], (mine, cell, record)
+        for name in EQUAL:
+            if not (record.get(name) is None and np.isnan(cell[name])):
+                assert cell[name] == record[name], (name, cell, record)
 
 
+@pytest.mark.parametrize("baseline", ["none", None])
 @pytest.mark.parametrize("seed", range(10))
-def test_every_cell_of_a_random_table_follows_from_the_raw_rows(seed: int, tmp_path: Path) -> None:
+def test_every_cell_of_a_random_table_follows_from_the_raw_rows(
+    seed: int, baseline: str | None, tmp_path: Path
+) -> None:
     fill(tmp_path, random.Random(seed))
-    agrees(tmp_path, 10)
+    agrees(tmp_path, 10, baseline)
