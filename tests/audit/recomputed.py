@@ -9,8 +9,8 @@ Nothing of `seatrial.runner.compare` is imported: what a table says must follow 
 - A trial that drew no random stream is of every seed, and all like it are one experiment.
 - Two numbers that differ by no more than a millionth or the resolution are equal.
 - The baseline is compared with over the seeds that both have. A pair that a cell lost is not won.
-- p is Wilcoxon's of at least five distinct pairs, beside it Holm's over the table; r is the share of
-  the rank sum that is for the cell less that against it (Kerby, 2014).
+- p is Wilcoxon's of at least five distinct pairs, and Holm's over the table; r is the share of the
+  rank sum that is for the cell less that against it (Kerby, 2014).
 - Best is the least of several cells of a column over the same seeds: those of the baseline, without
   a baseline those that most cells have. Who lacks one of them or lost a trial does not take part,
   and a cell without a rival is the best of nothing.

@@ -64,10 +64,9 @@ def agrees(folder: Path, cells: int, baseline: str | None = "none") -> None:
     for cell in expected.to_dict("records"):
         record = shown[cell["row"], cell["column"]]
         for mine, theirs in SAME.items():
-            own, other = (
-                float("nan") if v is None else v for v in (cell[mine], record.get(theirs))
-            )
-            assert own == pytest.approx(other, rel=1e-9, nan_ok=True), (mine, cell, record)
+            other = record.get(theirs)
+            other = float("nan") if other is None else other
+            assert cell[mine] == pytest.approx(other, rel=1e-9, nan_ok=True), (mine, cell, record)
         for name in EQUAL:
             if not (record.get(name) is None and np.isnan(cell[name])):
                 assert cell[name] == record[name], (name, cell, record)
