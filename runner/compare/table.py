@@ -13,7 +13,6 @@ from seatrial.runner.compare.cli import TableOptions
 from seatrial.runner.compare.comparability import differing, require_few, with_conditions
 from seatrial.runner.compare.grid import Scalar, TextTable, number_text, unit_text, with_unit
 from seatrial.runner.compare.grid import TableCell as GridCell
-from seatrial.runner.compare.statistics import Key
 from seatrial.runner.compare.where import Condition
 from seatrial.runner.configuration.invocation import meant
 from seatrial.runner.record.catalogue import PER_FILE, definition_of
@@ -54,10 +53,7 @@ def comparison(results: frames.Queries, options: TableOptions) -> TextTable:
     A cell whose runs differ in more than the seed is split by what they differ in, or refused.
     Raises ConfigurationError for unknown names, if no run matches, or for too many cells.
     """
-    found = _Comparison(results, options)
-    if found.unlike:
-        found = _Comparison(results, options, tuple(found.unlike))
-    return found.grid()
+    return _Comparison(results, options).grid()
 
 
 def _read(results: frames.Queries, options: TableOptions, condition: Condition) -> pd.DataFrame:
@@ -105,17 +101,17 @@ class _Comparison:
 
     `trials` are those started or planned; `frame` has the numbers of finished runs, the baseline's
     included; those of the models that are `shown` fill the cells. `facts` describe their
-    conditions. The rows are split `apart` by further factors; `unlike` are those that the runs of
-    a cell would still differ in. `fixed` has the level of each factor of the numbers, None where
-    there are several; `scope` names the sweep.
+    conditions. The rows are split `apart` by the factors that the runs of a cell would differ in.
+    `fixed` has the level of each factor of the numbers, None where there are several; `scope` names
+    the sweep.
     """
 
-    def __init__(self, results: frames.Queries, options: TableOptions, apart: Key = ()) -> None:
-        self.options, self.apart = options, apart
+    def __init__(self, results: frames.Queries, options: TableOptions) -> None:
+        self.options = options
         self.statistics = stats.checked(options.statistic or stats.DEFAULT)
         (rows, columns), reference = options.axes, options.reference
-        models, pool = options.levels["model"], ["all"] if apart else options.pool or []
-        named = dict.fromkeys((*rows, *apart, *columns, *reference))
+        models, pool = options.levels["model"], options.pool or []
+        named = dict.fromkeys((*rows, *columns, *reference))
         own = [name for name in named if name not in frames.METRIC_FACTORS]
         for option, factors in (("--rows/--columns", own), ("--pool", pool)):
             for factor in factors:
@@ -142,13 +138,14 @@ class _Comparison:
         for factor, level in reference.items():
             frame["is_baseline"] &= frame[factor] == level
         self.frame, self.facts = with_conditions(results, trials, frame)
-        self.shown = self.frame[self.frame["model"].isin(models)] if models else self.frame
-        cells = frames.codes(
-            self.shown, list(dict.fromkeys((*rows, *apart, *columns, *frames.METRIC_FACTORS)))
-        )
-        conditions = self.shown["condition"]
-        self.unlike = [] if "all" in pool else differing(self.facts, cells, conditions, pool)
-        require_few(self.unlike, "the cells of this table")
+        shown = self.frame[self.frame["model"].isin(models)] if models else self.frame
+        cells = frames.codes(shown, list(dict.fromkeys((*rows, *columns, *frames.METRIC_FACTORS))))
+        apart = [] if "all" in pool else differing(self.facts, cells, shown["condition"], pool)
+        require_few(apart, "the cells of this table")
+        if apart:
+            self.trials = results.trials(condition, [*own, *apart], planned=True)
+        new = [name for name in apart if name not in shown]
+        self.apart, self.shown = apart, shown.join(self.trials[new], on="run")
         by_file = "file" in (*rows, *columns, *reference)
         of_number = frames.METRIC_FACTORS if by_file else frames.METRIC_FACTORS[:-1]
         levels = {name: frames.ordered(self.shown[name].unique()) for name in of_number}

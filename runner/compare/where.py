@@ -64,10 +64,10 @@ def parse(text: str, compare: Compared) -> Any:
     """Return the meaning of a text: that of its comparisons, combined by `&`, `|` and `~`.
 
     `compare` gives the meaning of `name operator values`, of which `in` takes any number and an
-    ordering one. Python reads the text, each token on a line of its own, and a number in place of
-    every comparison. Raises ConfigurationError if the text breaks the grammar above.
+    ordering one. Python reads the text, with a number in place of every comparison. Raises
+    ConfigurationError if the text breaks the grammar above.
     """
-    held, lines, starts, place = list[Any](), list[str](), list[int](), 0
+    text, held, words, place = text.rstrip(), list[Any](), list[str](), 0
 
     def refused(start: int) -> ConfigurationError:
         rest = text[start:].strip()
@@ -86,30 +86,24 @@ def parse(text: str, compare: Compared) -> Any:
                 return ~meaning(part)
             case ast.Constant(value=int(number)):
                 return held[number]
-        raise refused(starts[node.lineno - 1])
+        raise refused(0)
 
-    text = text.rstrip()
     while place < len(text):
         token = TOKEN.match(text, place)
         if token is None:
             raise refused(place)
-        if token["joint"]:
-            lines.append(token["joint"].lower())
-        else:
-            sign, words = token["sign"], re.findall(VALUE, token["value"] or token["values"])
-            values, operator = [*map(value_of, words)], sign if sign in ORDERINGS else "in"
-            if operator != "in" and values == [None]:
+        words.append(token["joint"] or str(len(held)))
+        if not token["joint"]:
+            sign = token["sign"]
+            values = [*map(value_of, re.findall(VALUE, token["value"] or token["values"]))]
+            if sign in ORDERINGS and values == [None]:
                 raise refused(place)
-            met = compare(token["name"], operator, values)
-            lines.append(str(len(held)))
+            met = compare(token["name"], sign if sign in ORDERINGS else "in", values)
             held.append(~met if token["no"] or sign in ("!=", "<>") else met)
-        starts.append(place)
         place = token.end()
     try:
-        return meaning(ast.parse("\\\n".join(lines), mode="eval").body)
-    except SyntaxError as error:
-        raise refused(dict(enumerate(starts, 1)).get(error.lineno or 1, place)) from None
-    except (MemoryError, RecursionError):
+        return meaning(ast.parse(" ".join(words).lower(), mode="eval").body)
+    except (SyntaxError, MemoryError, RecursionError):
         raise refused(0) from None
 
 
