@@ -1,12 +1,12 @@
 """Audit of a logbook: which of its runs mislead if they are compared without a second look."""
 
 from collections import defaultdict
-from collections.abc import Iterable, Iterator, Sequence
+from collections.abc import Iterable, Iterator
 from dataclasses import replace
 
 import pandas as pd
 
-from seatrial.runner.compare.comparability import EXPERIMENT, differing, of_runs, with_conditions
+from seatrial.runner.compare.comparability import differing, of_runs, with_conditions
 from seatrial.runner.compare.frame import BELOW_TRUE_MODEL, FINISHED, LIMITED, Queries
 from seatrial.runner.compare.grid import TextTable, grid_of, one_line
 from seatrial.runner.compare.runs import runs_of
@@ -22,11 +22,9 @@ WIDEST = 60  # characters of the numbers of runs; the records have all
 REMEDIES = {
     "pooled": "table splits them or refuses: name them in --rows, or select by --sweep, --where",
     "code": "select one by --where code=..., or start their command again",
-    "replicates": "tables count them once; deployments stay apart",
     "below true model": "it fits lag or feedback: judge by velocity_rmse_free_run",
     "diverged validation": "judge by a shorter horizon: velocity_rmse_restarts or _ten_step",
     "inertia": "richer excitation or fewer terms: such a model cannot be simulated",
-    "coverage": "identifier=iv and output_error have intervals of the coefficient",
     **{f"{name} run": f"show {{}} --traceback; retry --status {name}" for name in LOST},
 }
 
@@ -67,37 +65,23 @@ def ranges(runs: Iterable[int]) -> str:
 
 
 def _unlike(results: Queries, finished: pd.DataFrame, condition: Condition) -> Iterator[Entry]:
-    """Find runs that differ in a cell of a table, and runs that are one experiment."""
+    """Find runs that differ in a cell of a table."""
     deployed = finished.index.isin(results.metrics(DEPLOYED, condition)["run"])
     parts = of_runs(finished, "validation"), of_runs(finished[deployed], "deployment")
     frame, facts = with_conditions(results, finished, pd.concat(parts, ignore_index=True))
     for levels, own in frame.groupby([*CELL], observed=True, sort=False):
         factors, runs = differing(facts, own["stage"], own["condition"]), own["run"]
+        cell = ", ".join(f"{name}={level}" for name, level in zip(CELL, levels, strict=True))
         if "code" in factors:
             codes = own["of_code"].nunique(dropna=False)
-            yield "code", runs, f"{_cell(levels)}: computed by {codes} versions of the code"
+            yield "code", runs, f"{cell}: computed by {codes} versions of the code"
         if names := [name for name in factors if name != "code"]:
             listed = one_line(", ".join(names), 120)
-            yield "pooled", runs, f"{_cell(levels)}: would be averaged over {listed}"
-    # experiments that are stored more than once, by what their runs differ in
-    frame = frame[frame["stage"] == "validation"]
-    each = frame.groupby([*EXPERIMENT], observed=True, sort=False)
-    varied = {name: each[name].transform("nunique") > 1 for name in ("seed", "evaluation")}
-    stored = frame.assign(**varied, number=each.ngroup())[each["run"].transform("size") > 1]
-    for key, own in stored.groupby([*CELL, *varied], observed=True, sort=False):
-        several = [
-            f"{name}s" for name, varies in zip(varied, key[len(CELL) :], strict=True) if varies
-        ]
-        under = f"under several {' and '.join(several)}" if several else "again"
-        reason = ", but nothing random was drawn" if "seeds" in several else ""
-        count = own["number"].nunique()
-        number = "one experiment is" if count == 1 else f"{count} experiments are"
-        what = f"{_cell(key[: len(CELL)])}: {number} stored {under}{reason}"
-        yield "replicates", own["run"], what
+            yield "pooled", runs, f"{cell}: would be averaged over {listed}"
 
 
 def _of_models(results: Queries, finished: pd.DataFrame, condition: Condition) -> Iterator[Entry]:
-    """Find models below the true one, predictions that diverged, and intervals without bias."""
+    """Find models below the true one, and predictions that diverged."""
     marks = results.marks(condition).join(finished["identifier"], on="run", how="inner")
     below = marks[marks["metric"] == BELOW_TRUE_MODEL]
     for identifier, rows in below.groupby("identifier", observed=True, sort=False):
@@ -118,12 +102,3 @@ def _of_models(results: Queries, finished: pd.DataFrame, condition: Condition) -
             yield "inertia", rows["run"], f"{about}: its inertia is not positive definite"
         else:
             yield "diverged validation", rows["run"], f"{about}: {horizons} diverged"
-    stated = {*results.coefficients(condition).dropna(subset="std_error")["run"]}
-    own = finished[finished.index.isin(stated - results.covering(condition))]
-    for identifier, rows in own.groupby("identifier", observed=True, sort=False):
-        what = f"identifier={identifier}: standard errors of the estimate, not of the coefficient"
-        yield "coverage", rows.index, what
-
-
-def _cell(levels: Sequence[str]) -> str:
-    return ", ".join(f"{name}={level}" for name, level in zip(CELL, levels, strict=True))
