@@ -15,7 +15,7 @@ from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from functools import cached_property
 from itertools import combinations
-from typing import Any, NamedTuple
+from typing import Any
 
 import numpy as np
 import pandas as pd
@@ -53,16 +53,38 @@ RIVALS = (
 NO_SKILL = "no skill: none, or a trivial rival, is at least as good as the first entrant"
 
 
-class Ranking(NamedTuple):
-    """Entrants over a number of cases.
+@dataclass(frozen=True, eq=False)
+class Ranking:
+    """Entrants over a number of cases, by their ranks within each, shape (n_cases, n_entrants)."""
 
-    `mean_ranks` are by entrant, the best first: 1 is best, NaN without a case. `alike` says of
-    every pair (n, n) that it does not differ significantly, after Holm's correction.
-    """
+    ranks: pd.DataFrame
 
-    mean_ranks: "pd.Series[float]"
-    alike: pd.DataFrame
-    cases: int
+    @property
+    def cases(self) -> int:
+        """The number of cases."""
+        return len(self.ranks)
+
+    @cached_property
+    def mean_ranks(self) -> "pd.Series[float]":
+        """By entrant, the best first: 1 is best, NaN without a case."""
+        return self.ranks.mean().sort_values(kind="stable")
+
+    @cached_property
+    def alike(self) -> pd.DataFrame:
+        """Whether a pair (n, n) does not differ significantly, after Holm's correction.
+
+        By the two-sided signed-rank test of Wilcoxon on the ranks within a case, since losses of
+        different cases have different scales.
+        """
+        pairs, p_values = list(combinations(self.ranks, 2)), list[float]()
+        for one, other in pairs:
+            gain = self.ranks[one] - self.ranks[other]  # p is 1 if they are equal in every case
+            test = scipy.stats.wilcoxon(gain, zero_method="zsplit") if gain.any() else None
+            p_values.append(test.pvalue if test else 1.0)
+        alike = pd.DataFrame(True, self.ranks.columns, self.ranks.columns)
+        for (one, other), p_value in zip(pairs, holm(p_values), strict=True):
+            alike.loc[one, other] = alike.loc[other, one] = p_value >= SIGNIFICANCE
+        return alike
 
     def groups(self) -> list[list[str]]:
         """Largest runs of entrants, neighbours in rank, of which no two differ significantly."""
@@ -76,26 +98,17 @@ def ranking(losses: pd.DataFrame, resolution: Any = 0.0) -> Ranking:
     """Rank entrants by their losses (n_cases, n_entrants); raises ValueError for NaN.
 
     Losses that are equal within the resolution, one or one for each case, share the mean of their
-    ranks. Pairs are compared by the two-sided signed-rank test of Wilcoxon on the ranks within a
-    case, since losses of different cases have different scales.
+    ranks.
     """
     if losses.isna().to_numpy().any():
         raise ValueError("losses: got NaN, expected numbers; inf for an entrant without a result")
-    ranks, names = losses.astype(float), losses.columns
+    ranks = losses.astype(float)
     for case, within in enumerate(np.broadcast_to(resolution, len(losses))):
         row = losses.iloc[case].to_numpy()
         order = np.argsort(row, kind="stable")
         apart = ~equal(row[order][1:], row[order][:-1], within)
         ranks.iloc[case, order] = scipy.stats.rankdata(np.concatenate([[0], np.cumsum(apart)]))
-    pairs, p_values = list(combinations(names, 2)), list[float]()
-    for one, other in pairs:
-        gain = ranks[one] - ranks[other]  # p is 1 of entrants that are equal in every case
-        test = scipy.stats.wilcoxon(gain, zero_method="zsplit") if gain.any() else None
-        p_values.append(test.pvalue if test else 1.0)
-    alike = pd.DataFrame(True, names, names)
-    for (one, other), p_value in zip(pairs, holm(p_values), strict=True):
-        alike.loc[one, other] = alike.loc[other, one] = p_value >= SIGNIFICANCE
-    return Ranking(ranks.mean().sort_values(kind="stable"), alike, len(losses))
+    return Ranking(ranks)
 
 
 def critical_difference(entrants: int, cases: int, level: float = SIGNIFICANCE) -> float:

@@ -66,6 +66,23 @@ def test_a_baseline_matches_everything_that_it_does_not_fix(
     assert row["ratio"] == pytest.approx(ridge.mean() / bases["ls", "full", 0.5].mean())
 
 
+def test_a_model_as_baseline_is_of_the_same_controller(
+    logbook: LogbookWriter, results: Queries
+) -> None:
+    """The nominal model is that of every identifier, but not of every controller."""
+    for controller, factor, seed in product(("pid", "lqi"), (1.0, 4.0), SEEDS):
+        nominal = {"pid": 2.0, "lqi": 8.0}[controller] + seed
+        identifier = {1.0: "none", 4.0: "ls"}[factor]
+        metrics = [stored.tracking(nominal / factor), stored.tracking(nominal, "nominal")]
+        begin = stored.start(identifier, "noise", seed, controller=controller)
+        stored.finish(logbook, begin, metrics, drawn=["noise"])
+    rows, dofs = "identifier,controller", ["position"]
+    grid = table(results, rows=rows, metric=["e_pos_mae"], dof=dofs, baseline=["model=nominal"])
+    for controller in ("pid", "lqi"):
+        own = record_of(grid, identifier="ls", controller=controller, model="identified")
+        assert (own["ratio"], own["pairs"]) == (pytest.approx(0.25), 6)
+
+
 def test_a_ratio_and_the_mean_beside_it_are_of_the_same_pairs(
     logbook: LogbookWriter, results: Queries
 ) -> None:

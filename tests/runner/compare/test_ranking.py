@@ -79,7 +79,8 @@ def test_a_better_entrant_is_first_and_alone_and_one_without_results_is_last() -
 
 def test_of_a_group_no_two_differ_not_only_neighbours() -> None:
     alike = pd.DataFrame([[1, 1, 0], [1, 1, 1], [0, 1, 1]], [*"abc"], [*"abc"]).astype(bool)
-    chain = Ranking(pd.Series({"a": 1.0, "b": 2.0, "c": 3.0}), alike, 9)
+    chain = Ranking(pd.DataFrame([[1.0, 2.0, 3.0]], columns=[*"abc"]))
+    vars(chain)["alike"] = alike
     assert chain.groups() == [["a", "b"], ["b", "c"]]
 
 

@@ -110,7 +110,7 @@ def test_the_comparison_counts_trials_that_never_started(logbook: LogbookWriter)
         for seed in range(6)
     ]  # fmt: skip
     rows = planned(begins)
-    first = logbook.begin_sweep("first", "command", [], len(rows[:3]), trials=rows[:3])
+    first = logbook.begin_sweep("first", "command", [], 2, trials=rows[1:3])
     sweep = logbook.begin_sweep("all", "command", [], len(rows), trials=rows)
     metric = Metric("deployment", "identified", "position", "e_pos_mae", 1.0, "m")
     for begin in begins[:2]:  # seeds 0 and 1 of ls; one that both sweeps have planned counts once
