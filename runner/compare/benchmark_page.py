@@ -47,7 +47,7 @@ def write_benchmark(results: Queries, boards: Sequence[Board], file: Path) -> No
     with drawn():
         for i, (members, ranks) in enumerate(overall(boards)):
             titles = "; ".join(board.task.title for board in members)
-            if ranks.cases:
+            if len(ranks):
                 figure = chart(titles, ranks)
                 first.append(picture(figure, f"Mean ranks over {titles}", f"all-{i}-"))
         for board in boards:
@@ -58,7 +58,7 @@ def write_benchmark(results: Queries, boards: Sequence[Board], file: Path) -> No
                     told = f"{each.name} is {each.state}: its cases are left out; {trials} data get"
                     blocks.append(paragraph(f"{told} {task.name}", "small"))
             blocks.append(html_table(leaderboard(board)))
-            if board.ranked.cases:
+            if len(board.ranked):
                 figure = chart(task.title, board.ranked)
                 blocks.append(picture(figure, f"{task.title}: mean ranks", f"{task.name}-ranks-"))
             blocks.append(group("figures", *_free_runs(results, board)))
@@ -86,7 +86,7 @@ def write_benchmark(results: Queries, boards: Sequence[Board], file: Path) -> No
 
 def _free_runs(results: Queries, board: Board) -> Iterator[Markup]:
     """Yield the figures of every test file, of the first entrants and `none`."""
-    names = [*[name for name in board.contest.mean_ranks.index if name != "none"][:FIRST], "none"]
+    names = [*[name for name in board.contest if name != "none"][:FIRST], "none"]
     for label, case in board.task.cases.items():
         entries = board.entries[board.entries["status"] == FINISHED]
         entries = entries[(entries["case"] == label) & (entries["seed"] == 0)]

@@ -53,52 +53,11 @@ RIVALS = (
 NO_SKILL = "no skill: none, or a trivial rival, is at least as good as the first entrant"
 
 
-@dataclass(frozen=True, eq=False)
-class Ranking:
-    """Entrants over a number of cases, by their ranks within each, shape (n_cases, n_entrants)."""
-
-    ranks: pd.DataFrame
-
-    @property
-    def cases(self) -> int:
-        """The number of cases."""
-        return len(self.ranks)
-
-    @cached_property
-    def mean_ranks(self) -> "pd.Series[float]":
-        """By entrant, the best first: 1 is best, NaN without a case."""
-        return self.ranks.mean().sort_values(kind="stable")
-
-    @cached_property
-    def alike(self) -> pd.DataFrame:
-        """Whether a pair (n, n) does not differ significantly, after Holm's correction.
-
-        By the two-sided signed-rank test of Wilcoxon on the ranks within a case, since losses of
-        different cases have different scales.
-        """
-        pairs, p_values = list(combinations(self.ranks, 2)), list[float]()
-        for one, other in pairs:
-            gain = self.ranks[one] - self.ranks[other]  # p is 1 if they are equal in every case
-            test = scipy.stats.wilcoxon(gain, zero_method="zsplit") if gain.any() else None
-            p_values.append(test.pvalue if test else 1.0)
-        alike = pd.DataFrame(True, self.ranks.columns, self.ranks.columns)
-        for (one, other), p_value in zip(pairs, holm(p_values), strict=True):
-            alike.loc[one, other] = alike.loc[other, one] = p_value >= SIGNIFICANCE
-        return alike
-
-    def groups(self) -> list[list[str]]:
-        """Largest runs of entrants, neighbours in rank, of which no two differ significantly."""
-        order = [*self.mean_ranks.index]
-        parts = [order[first:end] for first, end in combinations(range(len(order) + 1), 2)]
-        parts = [own for own in parts if len(own) > 1 and self.alike.loc[own, own].all(axis=None)]
-        return [own for own in parts if not any({*own} < {*other} for other in parts)]
-
-
-def ranking(losses: pd.DataFrame, resolution: Any = 0.0) -> Ranking:
-    """Rank entrants by their losses (n_cases, n_entrants); raises ValueError for NaN.
+def ranking(losses: pd.DataFrame, resolution: Any = 0.0) -> pd.DataFrame:
+    """Rank entrants within each case (n_cases, n_entrants), the best in the mean first: 1 is best.
 
     Losses that are equal within the resolution, one or one for each case, share the mean of their
-    ranks.
+    ranks. Raises ValueError for NaN.
     """
     if losses.isna().to_numpy().any():
         raise ValueError("losses: got NaN, expected numbers; inf for an entrant without a result")
@@ -108,7 +67,31 @@ def ranking(losses: pd.DataFrame, resolution: Any = 0.0) -> Ranking:
         order = np.argsort(row, kind="stable")
         apart = ~equal(row[order][1:], row[order][:-1], within)
         ranks.iloc[case, order] = scipy.stats.rankdata(np.concatenate([[0], np.cumsum(apart)]))
-    return Ranking(ranks)
+    return ranks[ranks.mean().sort_values(kind="stable").index]
+
+
+def alike(ranks: pd.DataFrame) -> pd.DataFrame:
+    """Say of every pair (n, n) whether it does not differ significantly, after Holm's correction.
+
+    By the two-sided signed-rank test of Wilcoxon on the ranks within a case, since losses of
+    different cases have different scales.
+    """
+    pairs, p_values = list(combinations(ranks, 2)), list[float]()
+    for one, other in pairs:
+        gain = ranks[one] - ranks[other]  # p is 1 of entrants that are equal in every case
+        test = scipy.stats.wilcoxon(gain, zero_method="zsplit") if gain.any() else None
+        p_values.append(test.pvalue if test else 1.0)
+    same = pd.DataFrame(True, ranks.columns, ranks.columns)
+    for (one, other), p_value in zip(pairs, holm(p_values), strict=True):
+        same.loc[one, other] = same.loc[other, one] = p_value >= SIGNIFICANCE
+    return same
+
+
+def groups(same: pd.DataFrame) -> list[list[str]]:
+    """Return the largest runs of neighbours of which every pair (n, n) is the same."""
+    parts = [[*same.index[first:end]] for first, end in combinations(range(len(same) + 1), 2)]
+    parts = [own for own in parts if len(own) > 1 and same.loc[own, own].all(axis=None)]
+    return [own for own in parts if not any({*own} < {*other} for other in parts)]
 
 
 def critical_difference(entrants: int, cases: int, level: float = SIGNIFICANCE) -> float:
@@ -139,12 +122,12 @@ class Board:
         return losses_of(self.entries, CELL)
 
     @cached_property
-    def ranked(self) -> Ranking:
+    def ranked(self) -> pd.DataFrame:
         """The ranks over these cells."""
         return ranking(self.losses, self.resolution)
 
     @cached_property
-    def contest(self) -> Ranking:
+    def contest(self) -> pd.DataFrame:
         """The ranks without the references, which know what is tested on."""
         return ranking(self.losses.drop(columns=[*REFERENCES], errors="ignore"), self.resolution)
 
@@ -183,9 +166,10 @@ class Board:
         Where there are too few cells to tell any by their ranks, after Holm's correction, by a
         paired bootstrap of the errors, in which who lost a cell differs from who did not.
         """
-        ranks, (first, *others) = self.contest, self.contest.mean_ranks.index
-        if 0.5 ** (ranks.cases - 1) * math.comb(len(ranks.mean_ranks), 2) < SIGNIFICANCE:
-            return [first, *(name for name in others if ranks.alike.loc[first, name])]
+        (first, *others), cases = self.contest, len(self.contest)
+        if 0.5 ** (cases - 1) * math.comb(1 + len(others), 2) < SIGNIFICANCE:
+            same = alike(self.contest)
+            return [first, *(name for name in others if same.loc[first, name])]
         cells = self.entries.pivot(index=CELL, columns="entrant", values="score")
         cells = cells.loc[self.losses.index]
         values = holm([benchmark.chance([*cells[first]], [*cells[name]]) for name in others])
@@ -202,7 +186,7 @@ class Board:
         rows, unknown = {}, np.full(len(self.task.outputs), math.nan)
         for name, own in self.entries.groupby("entrant"):
             good = own.loc[np.isfinite(own["loss"]), "score"].tolist()
-            row = {"rank": self.ranked.mean_ranks[name], self.score: _mean(own["loss"])}
+            row = {"rank": self.ranked[name].mean(), self.score: _mean(own["loss"])}
             if self.task.score != "position":
                 fits = 100.0 - 100.0 * (benchmark.pooled(good) if good else unknown)
                 row |= {self.score: np.mean(fits), "90 %": "–"}
@@ -219,7 +203,7 @@ class Board:
                 "diverged": f"{np.isinf(own['loss']).sum()} of {len(own)}",
                 "training [s]": _mean(own["training_s"]),
             }
-        return pd.DataFrame.from_dict(rows, orient="index").loc[self.ranked.mean_ranks.index]
+        return pd.DataFrame.from_dict(rows, orient="index").loc[self.ranked.columns]
 
 
 def _mean(*parts: Any) -> float:
@@ -291,7 +275,7 @@ def _normal(options: Iterable[str]) -> tuple[str, ...]:
     return tuple(sorted(SPELLING.sub("", text) for text in kept))
 
 
-def overall(boards: Sequence[Board]) -> list[tuple[list[Board], Ranking]]:
+def overall(boards: Sequence[Board]) -> list[tuple[list[Board], pd.DataFrame]]:
     """Rank the entrants of several tasks with the same ones, over the cases of these together.
 
     The loss in a case is the median over its seeds, since repeated trials of one case are no
@@ -311,7 +295,7 @@ def overall(boards: Sequence[Board]) -> list[tuple[list[Board], Ranking]]:
 
 def leaderboard(board: Board) -> TextTable:
     """Return the table of a task: its standings, the best rank and score in bold."""
-    rows, cells = list[list[TableCell]](), board.ranked.cases
+    rows, cells = list[list[TableCell]](), len(board.ranked)
     for name, row in board.standings.iterrows():
         bold = board.best.loc[name]
         shown = (_cell(value, bool(bold.get(header, False))) for header, value in row.items())
@@ -343,7 +327,7 @@ def summary(boards: Sequence[Board]) -> TextTable:
         apart = ~equal(means[trivial].to_numpy(), means[first], board.resolution)
         skilled = first not in trivial and (apart & (means[first] < means[trivial])).all()
         told = "" if board.task.score == "free_run" else f": {board.score}"
-        texts = [f"{board.task.title}{told}", str(board.contest.cases)]
+        texts = [f"{board.task.title}{told}", str(len(board.contest))]
         texts.append(first if skilled else f"{first} (no skill)")
         rows.append([
             *map(TableCell, texts), _counted(board, first),
@@ -354,9 +338,9 @@ def summary(boards: Sequence[Board]) -> TextTable:
     notes = ["score: FIT [%] of the free runs, if the task names no other", f"{BOLD}; {RIVALS}"]
     notes += [NO_SKILL] if any("(no skill)" in row[2].text for row in rows) else []
     for group, ranks in overall(boards):
-        order = ", ".join(f"{name} {rank:.1f}" for name, rank in ranks.mean_ranks.items())
+        order = ", ".join(f"{name} {rank:.1f}" for name, rank in ranks.mean().items())
         titles = "; ".join(board.task.title for board in group)
-        notes.append(f"mean ranks over {ranks.cases} cases of {titles}: {order}")
+        notes.append(f"mean ranks over {len(ranks)} cases of {titles}: {order}")
     return TextTable("Benchmark", SUMMARY, rows, notes=notes)
 
 

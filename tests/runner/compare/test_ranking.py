@@ -7,7 +7,7 @@ import pandas as pd
 import pytest
 
 from seatrial.runner.compare.benchmark import block_bootstrap
-from seatrial.runner.compare.leaderboard import Ranking, critical_difference, ranking
+from seatrial.runner.compare.leaderboard import alike, critical_difference, groups, ranking
 from seatrial.runner.compare.statistics import holm
 
 # Area under the curve of four variants of C4.5 on 14 data sets, Demsar (2006), Table 6.
@@ -19,22 +19,21 @@ DEMSAR = """0.763 0.768 0.771 0.798  0.599 0.591 0.590 0.569  0.954 0.971 0.968 
     0.972 0.981 0.9751 0.975  0.957 0.978 0.946 0.970"""
 
 
-def ranked(losses: Sequence[Sequence[float]] | np.ndarray) -> Ranking:
+def ranked(losses: Sequence[Sequence[float]] | np.ndarray) -> pd.DataFrame:
     """The ranks of entrants a, b, ... by their losses (n_cases, n_entrants)."""
     table = np.array(losses)
     return ranking(pd.DataFrame(table, columns=[*"abcd"[: table.shape[1]]]))
 
 
-def best(result: Ranking) -> list[str]:
+def best(ranks: pd.DataFrame) -> list[str]:
     """The first entrant, and those not significantly different from it."""
-    order = result.mean_ranks.index
-    return [*order[result.alike.loc[order[0], order]]]
+    return [*ranks.columns[alike(ranks).loc[ranks.columns[0]]]]
 
 
 def test_mean_ranks_are_the_published_ones() -> None:
     losses = -np.array(DEMSAR.split(), dtype=float).reshape(14, 4)
     expected = [3.143, 2.000, 2.893, 1.964]
-    ranks = ranked(losses).mean_ranks
+    ranks = ranked(losses).mean()
     assert [*ranks.index] == [*"dbca"]
     np.testing.assert_allclose(ranks[[*"abcd"]], expected, atol=5e-4)
 
@@ -61,7 +60,7 @@ def test_holm_is_the_step_down_procedure() -> None:
 def test_equal_entrants_are_told_apart_at_most_as_often_as_the_level_says() -> None:
     rng, repeats = np.random.default_rng(1), 100
     wrong = sum(
-        not ranked(rng.standard_normal((20, 4))).alike.all(axis=None) for _ in range(repeats)
+        not alike(ranked(rng.standard_normal((20, 4)))).all(axis=None) for _ in range(repeats)
     )
     assert wrong <= 0.05 * repeats + 3 * np.sqrt(repeats * 0.05 * 0.95)
 
@@ -72,16 +71,14 @@ def test_a_better_entrant_is_first_and_alone_and_one_without_results_is_last() -
     losses[:, 2] -= 0.5
     losses[:, 0] = np.inf
     result = ranked(losses)
-    assert [*result.mean_ranks.index[[0, -1]]] == ["c", "a"]
+    assert [*result.columns[[0, -1]]] == ["c", "a"]
     assert best(result) == ["c"]
-    assert sorted(map(sorted, result.groups())) == [["b", "d"]]
+    assert sorted(map(sorted, groups(alike(result)))) == [["b", "d"]]
 
 
 def test_of_a_group_no_two_differ_not_only_neighbours() -> None:
-    alike = pd.DataFrame([[1, 1, 0], [1, 1, 1], [0, 1, 1]], [*"abc"], [*"abc"]).astype(bool)
-    chain = Ranking(pd.DataFrame([[1.0, 2.0, 3.0]], columns=[*"abc"]))
-    vars(chain)["alike"] = alike
-    assert chain.groups() == [["a", "b"], ["b", "c"]]
+    same = pd.DataFrame([[1, 1, 0], [1, 1, 1], [0, 1, 1]], [*"abc"], [*"abc"]).astype(bool)
+    assert groups(same) == [["a", "b"], ["b", "c"]]
 
 
 def test_cases_in_which_entrants_are_equal_count_for_both() -> None:
@@ -93,15 +90,15 @@ def test_cases_in_which_entrants_are_equal_count_for_both() -> None:
 
 def test_losses_that_differ_by_rounding_share_their_rank() -> None:
     result = ranked([[1.0, 1.0 + 1e-9, 2.0], [3.0 + 1e-9, 3.0, np.inf]] * 8)
-    assert dict(result.mean_ranks) == {"a": 1.5, "b": 1.5, "c": 3.0}
+    assert dict(result.mean()) == {"a": 1.5, "b": 1.5, "c": 3.0}
     assert best(result) == ["a", "b"]
 
 
 def test_losses_below_the_resolution_share_their_rank_each_case_by_its_own() -> None:
     table = pd.DataFrame([[1e-9, 3e-9], [0.1, 0.3]], columns=[*"ab"])
-    assert [*ranking(table).mean_ranks] == [1.0, 2.0]
-    assert [*ranking(table, 1e-8).mean_ranks] == [1.25, 1.75]
-    assert [*ranking(table, np.array([1e-8, 1.0])).mean_ranks] == [1.5, 1.5]
+    assert [*ranking(table).mean()] == [1.0, 2.0]
+    assert [*ranking(table, 1e-8).mean()] == [1.25, 1.75]
+    assert [*ranking(table, np.array([1e-8, 1.0])).mean()] == [1.5, 1.5]
 
 
 def test_no_number_is_refused() -> None:
