@@ -22,7 +22,7 @@ from numpy.typing import NDArray
 
 from seatrial.models.errors import ConfigurationError
 from seatrial.runner.compare.frame import BELOW_TRUE_MODEL, FINISHED, Queries, StoredRun
-from seatrial.runner.compare.statistics import RELATIVE_ROUNDING, confidence_interval
+from seatrial.runner.compare.statistics import confidence_interval
 from seatrial.runner.compare.where import EVERY_RUN, Condition
 from seatrial.runner.configuration.invocation import trial_program
 
@@ -34,6 +34,7 @@ CALIBRATED = "calibrated"  # our inputs were fitted to printed figures: agreemen
 BY_CONSTRUCTION = "by construction"  # the method cannot but give the figure
 EXACT = "the exact model, of data without noise"
 ROUNDING = 1e-6  # relative error of the coefficients of an exact model
+RELATIVE_ROUNDING = 1e-9  # smaller differences are rounding errors
 TOLERANCE = 0.05  # relative: a figure within it counts as reproduced
 Verdict = Literal[
     "beaten", "reproduced", "not reproduced", "below the true model",

@@ -93,7 +93,7 @@ class Located(NamedTuple):
 
     name: str
     folder: Path
-    state: Literal["found", "damaged", "missing"]
+    state: str  # found, damaged or missing
 
 
 class BenchmarkTrial(NamedTuple):
@@ -127,12 +127,11 @@ def located(task: Task) -> list[Located]:
     texts = (os.environ.get("SEATRIAL_DATA"), "~/.local/share/seatrial")
     folders, files = [Path(text).expanduser() for text in texts if text], []
     for name, digest in task.files.items():
-        holding = [folder for folder in folders if (folder / name).is_file()]
-        if not holding:
-            files.append(Located(name, folders[0], "missing"))
-            continue
-        same = hashlib.sha256((holding[0] / name).read_bytes()).hexdigest() == digest
-        files.append(Located(name, holding[0], "found" if same else "damaged"))
+        holding = next((folder for folder in folders if (folder / name).is_file()), None)
+        data = b"" if holding is None else (holding / name).read_bytes()
+        is_same = hashlib.sha256(data).hexdigest() == digest
+        state = "missing" if holding is None else "found" if is_same else "damaged"
+        files.append(Located(name, holding or folders[0], state))
     return files
 
 

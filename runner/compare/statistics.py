@@ -24,7 +24,6 @@ from seatrial.runner.record.vocabulary import DOF_ORDER, MODELS
 
 Sample = NDArray[np.float64]
 Key = tuple[str, ...]
-RELATIVE_ROUNDING = 1e-9  # relative: smaller differences are rounding errors
 EQUAL = 1e-6  # relative: numbers that differ by less are equal in a comparison
 LEAST_PAIRS = 5  # below, no p-value of the signed-rank test is meaningful
 CONFIDENCE = 0.95  # probability that an interval covers the mean

@@ -210,9 +210,7 @@ class _Comparison:
         texts = list[str]() if cell.n else [EMPTY]
         for name in self.statistics if cell.n else ():
             if name == "std" and math.isfinite(cell.std):
-                size = abs(getattr(cell, self.location))
-                rounding = cell.std < stats.RELATIVE_ROUNDING * size  # of equal values
-                spread = "0" if rounding else number_text(cell.std, 2)
+                spread = "0" if cell.all_equal else number_text(cell.std, 2)
                 texts.append(("± " if texts else "std ") + spread)
             elif name == "ci" and math.isfinite(cell.ci_low):
                 texts.append(f"[{self._number(cell.ci_low)}, {self._number(cell.ci_high)}]")
