@@ -15,24 +15,20 @@ from sqlalchemy import Connection, Float, Integer, String, column, table
 from seatrial.runner.database.claims import stale
 from seatrial.runner.database.records import RunSummary
 from seatrial.runner.database.tables import Utc
-from seatrial.runner.record.catalogue import METRICS, Definition
-from seatrial.runner.record.vocabulary import COMBINED, GROUPS
+from seatrial.runner.record.catalogue import METRICS
+from seatrial.runner.record.vocabulary import COMBINED, GROUPS, SAILED
 
 # The columns of metric_wide; all other metrics are in the table metric only.
 METRIC_NAMES = tuple(metric.name for metric in METRICS if metric.wide)
 
 
-def _headline(metric: Definition, model: str) -> tuple[str, str, str, str, str]:
-    """Return column, stage, model, dof and name of a metric in run_overview."""
-    suffix = model if metric.headline in COMBINED else f"{metric.headline}_{model}"
-    return f"{metric.name}_{suffix}", metric.stages[0], model, metric.headline, metric.name
-
-
+# Of a column in run_overview: its name, and stage, model, dof and name of the metric.
 HEADLINES = tuple(
-    _headline(metric, model)
+    (f"{metric.name}_{dof}{model}", metric.stages[0], model, metric.headline, metric.name)
     for metric in METRICS
     if metric.headline
-    for model in ("nominal", "identified")
+    for dof in ["" if metric.headline in COMBINED else f"{metric.headline}_"]
+    for model in SAILED
 )
 NAMES = ("run_overview", "metric_wide", "coefficient_error", "comparison", "view_version")
 # A finished attempt supersedes one that did not finish; of equal attempts, the later one is valid.
@@ -57,8 +53,8 @@ CREATE VIEW run_overview AS
       WHERE metric.run_id = run.id AND name = 'below_true_model') AS below_true_model,
     run.error_type, run.error, run.fingerprint
   FROM run LEFT JOIN sweep ON sweep.id = run.sweep_id"""
-_HEADLINE = """(SELECT value FROM metric WHERE metric.run_id = run.id AND name = '{name}'
-      AND stage = '{stage}' AND model = '{model}' AND dof = '{dof}') AS {column}"""
+_HEADLINE = """(SELECT value FROM metric WHERE metric.run_id = run.id AND stage = '{1}'
+      AND model = '{2}' AND dof = '{3}' AND name = '{4}') AS {0}"""
 _WIDE = """
 CREATE VIEW metric_wide AS
   WITH trial AS MATERIALIZED (
@@ -96,38 +92,32 @@ CREATE VIEW coefficient_error AS
 _COMPARISON = """
 CREATE VIEW comparison AS
   WITH beside AS (
-    SELECT planned.fingerprint, {planned_groups}, run.id,
-      max(run.experiment) OVER same AS experiment, min(planned.fingerprint) OVER same AS least
+    SELECT planned.*, run.id, max(run.experiment) OVER same AS experiment,
+      min(planned.fingerprint) OVER same AS least
     FROM planned LEFT JOIN run ON run.fingerprint = planned.fingerprint
     WINDOW same AS (PARTITION BY planned.sweep_id, CAST(planned.choices AS TEXT),
       replace(CAST(planned.overrides AS TEXT), '"seed=' || planned.seed || '"', ''))
   ), trial AS (
-    SELECT run.id, run.status, {groups}, coalesce(run.experiment, run.fingerprint) AS experiment
+    SELECT id, status, {groups}, coalesce(experiment, fingerprint) AS experiment
     FROM run WHERE {superseded} = 0
     UNION ALL
-    SELECT NULL, 'not started', {least_groups}, coalesce(max(experiment), min(least))
+    SELECT NULL, 'not started', {planned_groups}, coalesce(max(experiment), min(least))
     FROM beside WHERE id IS NULL GROUP BY fingerprint
   ), counted AS (
-    SELECT {choice}, experiment, count(*) AS trials,
-      count(CASE WHEN status = 'finished' THEN 1 END) AS finished
-    FROM trial GROUP BY {choice}, experiment
-  ), kind AS (
-    SELECT DISTINCT run.vessel, metric.stage, metric.model, metric.dof, metric.name, metric.unit
-    FROM metric JOIN run ON run.id = metric.run_id
+    SELECT *, count(*) OVER same AS trials,
+      max(CASE WHEN status = 'finished' THEN 1 ELSE 0 END) OVER same AS finished
+    FROM trial WINDOW same AS (PARTITION BY experiment)
   )
-  SELECT {counted_groups}, counted.experiment,
-    metric.stage, metric.model, metric.dof, metric.name,
-    avg(metric.value) AS mean, min(metric.value) AS smallest, max(metric.value) AS largest,
-    metric.unit, count(metric.value) AS n, counted.trials - count(metric.value) AS without_value
-  FROM trial JOIN metric ON metric.run_id = trial.id AND trial.status = 'finished'
-    JOIN counted ON counted.experiment = trial.experiment
-  GROUP BY {counted_groups}, counted.experiment, counted.trials,
-    metric.stage, metric.model, metric.dof, metric.name, metric.unit
+  SELECT {groups}, experiment, stage, model, dof, name,
+    avg(value) AS mean, min(value) AS smallest, max(value) AS largest,
+    unit, count(value) AS n, trials - count(value) AS without_value
+  FROM counted JOIN metric ON metric.run_id = counted.id AND status = 'finished'
+  GROUP BY {groups}, experiment, trials, stage, model, dof, name, unit
   UNION ALL
-  SELECT {counted_groups}, counted.experiment,
-    kind.stage, kind.model, kind.dof, kind.name, NULL, NULL, NULL, kind.unit, 0, counted.trials
-  FROM counted LEFT JOIN kind ON kind.vessel = counted.vessel
-  WHERE counted.finished = 0"""
+  SELECT {groups}, experiment, stage, model, dof, name, NULL, NULL, NULL, unit, 0, trials
+  FROM (SELECT DISTINCT {groups}, experiment, trials FROM counted WHERE finished = 0) AS lost
+    LEFT JOIN (SELECT DISTINCT vessel, stage, model, dof, name, unit
+      FROM metric JOIN run ON run.id = metric.run_id) AS kind USING (vessel)"""
 _TYPES = {bool: Integer, datetime: Utc, float: Float, int: Integer, str: String}
 run_overview = table(
     "run_overview",
@@ -147,16 +137,10 @@ def statements(dialect: str) -> tuple[str, ...]:
         " THEN 'interrupted' ELSE run.status END",
         "superseded": _SUPERSEDED,
         "choices": ", ".join(f"run.{name}" for name in (*GROUPS, "seed")),
-        "groups": ", ".join(f"run.{name}" for name in GROUPS),
-        "choice": ", ".join(GROUPS),
-        "counted_groups": ", ".join(f"counted.{name}" for name in GROUPS),
-        "planned_groups": ", ".join(f"planned.choices ->> '{name}' AS {name}" for name in GROUPS),
-        "least_groups": ", ".join(f"min({name})" for name in GROUPS),
+        "groups": ", ".join(GROUPS),
+        "planned_groups": ", ".join(f"min(choices ->> '{name}') AS {name}" for name in GROUPS),
     }
-    headlines = ",\n    ".join(
-        _HEADLINE.format(column=column, stage=stage, model=model, dof=dof, name=name)
-        for column, stage, model, dof, name in HEADLINES
-    )
+    headlines = ",\n    ".join(_HEADLINE.format(*headline) for headline in HEADLINES)
     columns = ",\n      ".join(
         f"max(CASE WHEN name = '{name}' THEN value END) AS {name}" for name in METRIC_NAMES
     )
