@@ -4,9 +4,11 @@ from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
 
 import numpy as np
+import pandas as pd
 import pytest
 
-from seatrial.runner.compare.benchmark import cells, task_of
+from seatrial.runner.compare.benchmark import Score, cells, task_of
+from seatrial.runner.compare.leaderboard import Board
 from tests.runner.compare import stored
 from tests.runner.compare.conftest import Program
 
@@ -133,6 +135,14 @@ def test_who_is_no_better_than_a_trivial_rival_has_no_skill(
 ) -> None:
     store("task", {name: [[loss] * 2] for name, loss in losses.items()})
     assert rows(shown("--summary"))["task"][FIRST] == first
+
+
+def test_scores_that_do_not_match_are_no_rivals() -> None:
+    """There is no p-value of them, which is not a large one."""
+    scores = [Score(np.full((n, 1), 0.1), np.arange(n) == 0, 1) for n in (20, 20, 30)]
+    rows = {"entrant": ["ls", "iv", "auto"], "score": scores, "loss": [0.1, 0.1, 0.1]}
+    board = Board(task_of("beluga"), pd.DataFrame(rows).assign(task="beluga", case="", seed=0))
+    assert board.rivals == ["ls", "iv"]
 
 
 def test_bold_is_the_best_of_those_that_lost_no_cell(shown: Callable[..., str]) -> None:
