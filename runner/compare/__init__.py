@@ -22,12 +22,9 @@ if TYPE_CHECKING:
     from seatrial.runner.compare import site as site
     from seatrial.runner.compare import table as table
 else:
+    from pathlib import Path
+
     import lazy_loader
 
-    __getattr__, __dir__, __all__ = lazy_loader.attach(
-        __name__,
-        [
-            *("animation", "audit", "benchmark_page", "cli", "frame", "grid", "leaderboard"),
-            *("manoeuvre_comparison", "page", "plots", "report", "runs", "site", "table"),
-        ],
-    )
+    _names = ["plots", *(path.stem for path in Path(__file__).parent.glob("[a-z]*.py"))]
+    __getattr__, __dir__, __all__ = lazy_loader.attach(__name__, _names)

@@ -6,7 +6,6 @@ Exit codes: 0 for success, 1 if a check found a problem (verify), 2 for bad inpu
 import os
 import sys
 from collections.abc import Sequence
-from io import TextIOWrapper
 from itertools import pairwise
 
 from typer.main import get_command
@@ -15,11 +14,7 @@ from seatrial.models.errors import SeatrialError
 from seatrial.runner.compare import commands  # noqa: F401 - adds the commands
 from seatrial.runner.compare.cli import app, run_typer
 from seatrial.runner.configuration import plugins
-from seatrial.runner.configuration.invocation import (
-    collect_garbage_seldom,
-    import_from_working_folder,
-    replaced,
-)
+from seatrial.runner.configuration.invocation import begin_program, replaced
 from seatrial.runner.database.terminal import error_line, refuse_passwords
 
 # What a first word may be meant as that is no command, nor similar to one.
@@ -28,15 +23,12 @@ MEANT = {"list": "runs", "help": "--help"}
 
 def main() -> None:
     """Run the command line and exit; a user error is printed as one line on stderr."""
-    collect_garbage_seldom()
-    import_from_working_folder()
+    begin_program()
     sys.exit(run(sys.argv[1:]))
 
 
 def run(words: Sequence[str]) -> int:
     """Run one command line and return its exit code."""
-    if isinstance(sys.stdout, TextIOWrapper):
-        sys.stdout.reconfigure(errors="replace")  # what its encoding does not have
     if words and "--help" not in words:
         plugins.load()  # which declare metrics
     try:

@@ -24,7 +24,6 @@ REMEDIES = {
     "code": "select one by --where code=..., or start their command again",
     "below true model": "it fits lag or feedback: judge by velocity_rmse_free_run",
     "diverged validation": "judge by a shorter horizon: velocity_rmse_restarts or _ten_step",
-    "inertia": "richer excitation or fewer terms: such a model cannot be simulated",
     **{f"{name} run": f"show {{}} --traceback; retry --status {name}" for name in LOST},
 }
 
@@ -89,16 +88,8 @@ def _of_models(results: Queries, finished: pd.DataFrame, condition: Condition) -
         what = f"identifier={identifier}: force error below the true plant's in {dofs}"
         yield "below true model", rows["run"], what
     limited = marks[marks["metric"].isin(LIMITED.values())]
-    reasons = results.diagnostics(["no_prediction"], condition)
-    impossible = {(row.run, str(row.label).split()[0]) for row in reasons.itertuples()}
-    singular = [pair in impossible for pair in zip(limited["run"], limited["model"], strict=True)]
-    groups = limited.assign(singular=singular).groupby(
-        ["identifier", "model", "singular"], observed=True, sort=False
-    )
-    for (identifier, model, is_singular), rows in groups:
-        about = f"identifier={identifier}, {model} model"
+    groups = limited.groupby(["identifier", "model"], observed=True, sort=False)
+    for (identifier, model), rows in groups:
         horizons = ", ".join(h for h, name in LIMITED.items() if (rows["metric"] == name).any())
-        if is_singular:
-            yield "inertia", rows["run"], f"{about}: its inertia is not positive definite"
-        else:
-            yield "diverged validation", rows["run"], f"{about}: {horizons} diverged"
+        what = f"identifier={identifier}, {model} model: {horizons} diverged"
+        yield "diverged validation", rows["run"], what

@@ -218,7 +218,7 @@ def repeat_command(
 def plain(value: object) -> Scalar:
     """Return a value of the database as a cell value.
 
-    Dates are ISO text, JSON is JSON text, and bytes are marked, with the first of them.
+    Dates are ISO text, and JSON is JSON text.
     """
     if isinstance(value, datetime):
         return value.isoformat()
@@ -226,6 +226,4 @@ def plain(value: object) -> Scalar:
         return value
     if isinstance(value, Decimal):
         return int(value) if abs(value) < 2**63 and value == int(value) else float(value)
-    if isinstance(value, bytes):
-        return f"({len(value)} bytes) {value[:16].hex()}"
     return json.dumps(value, ensure_ascii=False, default=str)

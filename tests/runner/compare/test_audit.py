@@ -5,7 +5,6 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
-from seatrial.models.diagnostics import Diagnostic
 from seatrial.runner.compare.audit import HEADERS, audit, ranges
 from seatrial.runner.compare.frame import Queries
 from seatrial.runner.compare.grid import Scalar, TextTable
@@ -90,20 +89,6 @@ def test_a_diverged_validation_is_named(logbook: LogbookWriter, results: Queries
         store(logbook, rows, seed=seed)
     what = "identifier=ls, identified model: restarts, free_run diverged"
     assert found(results) == [("diverged validation", "1, 3", what)]
-
-
-def test_an_inertia_that_is_not_positive_definite_is_named(
-    logbook: LogbookWriter, results: Queries
-) -> None:
-    """A model that cannot predict for another reason has no share of limited rates."""
-    for seed, (limited, reason) in enumerate(((1.0, "the inertia"), (None, "the heading"))):
-        rows = [validation("limited_share_free_run", limited)]
-        why = Diagnostic(
-            "no_prediction", "all", 1.0, label=f"identified model: {reason} of the model"
-        )
-        store(logbook, rows, [], [why], seed=seed)
-    what = "identifier=ls, identified model: its inertia is not positive definite"
-    assert found(results) == [("inertia", "1", what)]
 
 
 def test_lost_runs_are_named_by_their_reason(logbook: LogbookWriter, results: Queries) -> None:
