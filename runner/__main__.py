@@ -28,6 +28,7 @@ import signal
 import sys
 from argparse import ArgumentTypeError, Namespace
 from importlib import import_module
+from io import TextIOWrapper
 from typing import Any, NoReturn
 
 from hydra import version
@@ -69,6 +70,8 @@ COMMANDS = {
 
 def main() -> int:
     """Run the command in sys.argv and return its exit code."""
+    if isinstance(sys.stdout, TextIOWrapper):
+        sys.stdout.reconfigure(errors="replace")  # what its encoding does not have
     stop, before = StopSignals(), os.environ.get(FULL_ERROR)
     with stop.listening():
         try:
@@ -79,7 +82,8 @@ def main() -> int:
 
 
 def _main(stop: StopSignals, words: list[str], traceback_wanted: bool) -> int:
-    invocation.begin_program()
+    invocation.collect_garbage_seldom()
+    invocation.import_from_working_folder()
     NewWarnings.known.clear()
     session, arguments = Session(), Namespace(overrides=[])
     try:

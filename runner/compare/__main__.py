@@ -6,6 +6,7 @@ Exit codes: 0 for success, 1 if a check found a problem (verify), 2 for bad inpu
 import os
 import sys
 from collections.abc import Sequence
+from io import TextIOWrapper
 from itertools import pairwise
 
 from typer.main import get_command
@@ -13,8 +14,7 @@ from typer.main import get_command
 from seatrial.models.errors import SeatrialError
 from seatrial.runner.compare import commands  # noqa: F401 - adds the commands
 from seatrial.runner.compare.cli import app, run_typer
-from seatrial.runner.configuration import plugins
-from seatrial.runner.configuration.invocation import begin_program, replaced
+from seatrial.runner.configuration import invocation, plugins
 from seatrial.runner.database.terminal import error_line, refuse_passwords
 
 # What a first word may be meant as that is no command, nor similar to one.
@@ -23,12 +23,15 @@ MEANT = {"list": "runs", "help": "--help"}
 
 def main() -> None:
     """Run the command line and exit; a user error is printed as one line on stderr."""
-    begin_program()
+    invocation.collect_garbage_seldom()
+    invocation.import_from_working_folder()
     sys.exit(run(sys.argv[1:]))
 
 
 def run(words: Sequence[str]) -> int:
     """Run one command line and return its exit code."""
+    if isinstance(sys.stdout, TextIOWrapper):
+        sys.stdout.reconfigure(errors="replace")  # what its encoding does not have
     if words and "--help" not in words:
         plugins.load()  # which declare metrics
     try:
@@ -37,7 +40,7 @@ def run(words: Sequence[str]) -> int:
     except SeatrialError as error:
         message = str(error)
         for text in (*map(" ".join, pairwise(words)), *words):
-            instead = replaced().get(f"{app.info.name} {text}")
+            instead = invocation.replaced().get(f"{app.info.name} {text}")
             if instead and text.split()[-1] in message:  # which is about this word
                 message = f"{text} is gone: {instead}"
                 break

@@ -1,5 +1,6 @@
 """The commands of `seatrial-results`: functions of an open logbook; see `cli.command`."""
 
+from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Literal
 
@@ -208,11 +209,8 @@ def retry(results: "Queries", status: Several = None, where: str | None = None) 
     details = [results.reader.run(run.run_id) for run in reversed(lost) if not run.superseded]
     if not details:
         typer.echo(f"nothing to retry: no trial is {' or '.join(statuses)}", err=True)
-    address = results.reader.address
-    return [
-        compare.runs.repeat_command(run.overrides, address, rerun=False, typed=run.command)
-        for run in details
-    ]
+    repeat = partial(compare.runs.repeat_command, address=results.reader.address, rerun=False)
+    return [repeat(run.overrides, typed=run.command) for run in details]
 
 
 @command()

@@ -11,7 +11,6 @@ from argparse import ArgumentParser
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from difflib import get_close_matches
 from functools import cache
-from io import TextIOWrapper
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -60,13 +59,12 @@ def by_script(typed: Sequence[str]) -> bool:
 
 def trial_program() -> str:
     """Return the command that runs trials: `python -m runner` or `seatrial`."""
-    by_module = in_checkout() and not by_script(sys.orig_argv)
-    return "python -m runner" if by_module else "seatrial"
+    return "python -m runner" if _modules() else "seatrial"
 
 
 def results_program() -> str:
     """Return the command for results: `python -m runner.compare` or `seatrial-results`."""
-    return "seatrial-results" if trial_program() == "seatrial" else "python -m runner.compare"
+    return "python -m runner.compare" if _modules() else "seatrial-results"
 
 
 def typed_command(typed: Sequence[str]) -> str:
@@ -92,12 +90,9 @@ def quoted(text: str) -> str:
     return f"'{escaped}{trailing}'"
 
 
-def begin_program() -> None:
-    """Let a program print any text, search for garbage seldom, and find parts of one's own."""
-    if isinstance(sys.stdout, TextIOWrapper):
-        sys.stdout.reconfigure(errors="replace")  # what its encoding does not have
+def collect_garbage_seldom() -> None:
+    """Let a program import its modules without a search for garbage in between."""
     gc.set_threshold(COLLECTED_AFTER)
-    import_from_working_folder()
 
 
 def import_from_working_folder() -> None:
@@ -105,3 +100,7 @@ def import_from_working_folder() -> None:
     folder = str(Path.cwd())
     if not {"", folder} & set(sys.path):
         sys.path.append(folder)
+
+
+def _modules() -> bool:
+    return in_checkout() and not by_script(sys.orig_argv)
