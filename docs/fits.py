@@ -1,4 +1,4 @@
-"""The page of what fits what: `python -m docs.fits`, in about ten minutes of one core."""
+"""The page of what fits what: `python -m docs.fits`, in about a minute."""
 
 import os
 

@@ -86,12 +86,13 @@ def _main(stop: StopSignals, words: list[str], traceback_wanted: bool) -> int:
     invocation.import_from_working_folder()
     NewWarnings.known.clear()
     session, arguments = Session(), Namespace(overrides=[])
+    command = COMMANDS.get(words[0]) if words else None
     try:
         refuse_passwords(words)
         if not words or words[0] == "--version":
             print(_named("seatrial {version}" if words else WELCOME))
             return 0
-        if command := COMMANDS.get(words[0]):
+        if command:
             session.started = True
             module = import_module(f"seatrial.runner.commands.{command}")
             return int(module.main(words[1:]))
@@ -104,9 +105,10 @@ def _main(stop: StopSignals, words: list[str], traceback_wanted: bool) -> int:
     except (Exception, KeyboardInterrupt) as error:
         # What a signal has interrupted may fail by any exception.
         if stop.number is not None or isinstance(error, KeyboardInterrupt):
-            return _say(INTERRUPTED, 128 + (stop.number or signal.SIGINT))
+            line = INTERRUPTED if command in (None, "benchmark") else "interrupted"
+            return _say(line, 128 + (stop.number or signal.SIGINT))
         # Before the start, any exception of Hydra is about the command line; later it is a bug.
-        if isinstance(error, BrokenPipeError) and not session.started:  # `seatrial --help | head`
+        if isinstance(error, BrokenPipeError) and (command or not session.started):  # | head
             os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
             return 0
         if traceback_wanted or (session.started and not isinstance(error, EXPECTED)):

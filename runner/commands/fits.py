@@ -1,8 +1,8 @@
 """Usage: seatrial fits [vessel=NAME,...] [GROUP=OPTION ...]
 
 Which excitations, identifiers, controllers and evaluations vessels can have, each as the one choice
-of a trial beside those that are given, and why not; of all vessels in about ten minutes. What is
-left open is chosen by the vessel. Vessels that can have the same are shown together.
+of a trial beside those that are given, and why not. What is left open is chosen by the vessel.
+Vessels that can have the same are shown together.
 """
 
 import shutil
@@ -12,9 +12,9 @@ from collections import defaultdict
 from collections.abc import Sequence
 
 from seatrial.models.errors import ConfigurationError
+from seatrial.runner.configuration import hydra_errors
 from seatrial.runner.configuration.search_path import is_group, options
-from seatrial.runner.sweeps import in_process
-from seatrial.runner.sweeps.job import shown
+from seatrial.runner.sweeps import composition, in_process, job
 
 CHOSEN = ("excitation", "identifier", "controller", "evaluation")
 Fit = dict[str, str]  # why an option of a group does not fit, by its name; empty: it does
@@ -33,40 +33,43 @@ def main(words: Sequence[str]) -> int:
         if not is_group(group) or not name or (group != "vessel" and "," in name):
             raise ConfigurationError(f"fits: got {word!r}, expected vessel=NAME or GROUP=OPTION")
     given = dict(word.split("=", 1) for word in words)
-    vessels = given.pop("vessel", "").split(",") if "vessel" in given else options("vessel")
+    vessels = given.pop("vessel").split(",") if "vessel" in given else options("vessel")
     alike = defaultdict[object, dict[str, dict[str, Fit]]](dict)  # by what fits, and by vessel
-    for i, vessel in enumerate(vessels, 1):
-        if len(vessels) > 1:
-            print(f"{i} of {len(vessels)}: {vessel}", file=sys.stderr)
-        groups = fits_of(vessel, given)
+    for vessel, groups in fits_of(vessels, given).items():
         fitting = {group: [name for name in fit if not fit[name]] for group, fit in groups.items()}
         alike[str(fitting)][vessel] = groups
     print("\n\n".join("\n".join(_lines(fits)) for fits in alike.values()))
     return 0
 
 
-def fits_of(vessel: str, given: dict[str, str]) -> dict[str, Fit]:
-    """Return by group which options fit a vessel, beside the choices that are given.
+def fits_of(vessels: Sequence[str], given: dict[str, str]) -> dict[str, dict[str, Fit]]:
+    """Return by vessel and group which options fit, beside the choices that are given.
 
-    Raises ConfigurationError if nothing does, for one reason.
+    Raises ConfigurationError if nothing fits a vessel, for one reason.
     """
-    fixed = [f"{group}={name}" for group, name in given.items()]
-    words = {
-        (group, name): [f"vessel={vessel}", *fixed, f"{group}={name}"]
-        for group in CHOSEN
-        if group not in given
-        for name in options(group)
-    }
-    call = in_process.Call(["-m", "dry_run=true"], [*words.values()])
-    call.lists = True
-    in_process.run_sweep(call, ["dry_run=true"])
-    refusals = {trial: note for state, trial, note in call.trials if state == "refused"}
-    fits = defaultdict[str, Fit](dict)
-    for (group, name), one in words.items():
-        reason = refusals.get(shown(one), "")
-        fits[group][name] = reason.removeprefix(f"{group}={name}").removeprefix(": ").strip()
-    if len(reasons := {why for fit in fits.values() for why in fit.values()}) == 1 and any(reasons):
-        raise ConfigurationError(reasons.pop())
+    groups = {group: options(group) for group in CHOSEN if group not in given}
+    choices = [(group, name) for group, names in groups.items() for name in names]
+    if not groups:
+        raise ConfigurationError("fits: got a choice of each group; dry_run=true checks a trial")
+    fits = {vessel: {group: Fit() for group in groups} for vessel in vessels}
+    call = in_process.Call(())
+    call.started = True
+    with in_process.hydra_of((), call) as hydra:
+        trials = composition.Alternatives(hydra.config_loader, vessels[0], given, groups)
+        for i, vessel in enumerate(vessels, 1):
+            if vessels[1:]:
+                print(f"{i} of {len(vessels)}: {vessel}", file=sys.stderr)
+            for group, name in choices:
+                fits[vessel][group][name] = ""
+                try:
+                    job.prepare(trials.order(vessel, group, name))
+                except hydra_errors.EXPECTED as error:
+                    reason = hydra_errors.one_line(error).removeprefix(f"{group}={name}")
+                    fits[vessel][group][name] = reason.removeprefix(": ").strip()
+    for of_vessel in fits.values():
+        reasons = {why for fit in of_vessel.values() for why in fit.values()}
+        if len(reasons) == 1 and any(reasons):
+            raise ConfigurationError(reasons.pop())
     return fits
 
 

@@ -23,10 +23,11 @@ from hydra.core.hydra_config import HydraConfig
 from hydra.core.override_parser.overrides_parser import OverridesParser
 from hydra.core.override_parser.types import Override, QuotedString, Sweep
 from hydra.errors import HydraException
+from hydra.types import RunMode
 from omegaconf import DictConfig, OmegaConf, open_dict, read_write
 from omegaconf.errors import OmegaConfBaseException
 
-from seatrial.runner.configuration.vessel_options import filled
+from seatrial.runner.configuration.vessel_options import SUITED_GROUPS, filled, suited_parts
 from seatrial.runner.record.vocabulary import GROUPS, Config
 from seatrial.runner.sweeps.job import Order
 from seatrial.runner.sweeps.yaml_files import FileConfigSource
@@ -264,6 +265,59 @@ class _Unpickler(pickle.Unpickler):
 
     def persistent_load(self, index: Any) -> Any:
         return self.classes[index]
+
+
+class Alternatives:
+    """Orders of trials that differ in the option of one group.
+
+    All options of the groups are composed once, with the first vessel; those of a trial are put
+    into the composition of its vessel, with the excitation and the controller that suit them.
+
+    Args:
+        loader: Hydra's.
+        vessel: the first vessel.
+        given: the choices that all trials have in common, by group.
+        groups: the names of the options that are tried, by group.
+    """
+
+    def __init__(
+        self, loader: ConfigLoader, vessel: str, given: Mapping[str, str],
+        groups: Mapping[str, Sequence[str]],
+    ) -> None:  # fmt: skip
+        self._loader, self._given = loader, [f"{group}={name}" for group, name in given.items()]
+        beside = [f"+{g}@beside.{g}.{name}={name}" for g, names in groups.items() for name in names]
+        self._options = self._composed([f"vessel={vessel}", *self._given, *beside]).beside
+        self._vessel, self._base, self._node = "", DictConfig({}), cast(Config, {})
+
+    def _composed(self, words: list[str]) -> DictConfig:
+        FileConfigSource.job = words
+        try:
+            return self._loader.load_configuration("trial", words, run_mode=RunMode.RUN)
+        finally:
+            FileConfigSource.job = None
+
+    def order(self, vessel: str, group: str, name: str) -> Order:
+        """Return the order of a vessel with the option of a group; raises errors as a composer."""
+        words = [f"vessel={vessel}", *self._given]
+        if vessel != self._vessel:
+            self._vessel, self._base = vessel, self._composed(words)
+            self._node = cast(Config, OmegaConf.to_container(self._base.vessel, resolve=True))
+        base, chosen = self._base, {group: name}
+        names = base.hydra.runtime.choices
+        if group in SUITED_GROUPS:  # where the vessel has chosen, it follows what is named
+            before = suited_parts(self._node, words)
+            after = suited_parts(self._node, [*words, f"{group}={name}"])
+            free = (each for each in after if each in self._options and names[each] == before[each])
+            chosen = {each: after[each] for each in free} | chosen
+        kept = {each: (base[each], names[each]) for each in chosen}
+        with open_dict(base), read_write(base):
+            try:
+                for each, option in chosen.items():
+                    base[each], names[each] = self._options[each][option], option
+                return order_of(base, base.hydra, [*words, f"{group}={name}"])
+            finally:
+                for each, (node, option) in kept.items():
+                    base[each], names[each] = node, option
 
 
 class Composer:

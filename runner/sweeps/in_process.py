@@ -55,7 +55,6 @@ class Call(Session):
         self._command = f"{trial_program()} {shlex.join([*words, *named])}"
         self.variants = [*map(list, variants)]
         self.lines: list[str] = []
-        self.lists = False  # whether it may be a dry run, which has no results to return
 
     def say(self, lines: Iterable[str]) -> None:
         """Keep the lines."""
@@ -75,7 +74,7 @@ def run_trial(overrides: Sequence[str]) -> Call:
     Raises SeatrialError, in one line, if the trial cannot be run.
     """
     call = Call(overrides)
-    with _hydra(overrides, call) as hydra:
+    with hydra_of(overrides, call) as hydra:
         config = _composed(hydra, overrides)
         if config.hydra.mode is RunMode.MULTIRUN:
             raise ConfigurationError(f"{' '.join(overrides)}: got a sweep, expected one trial")
@@ -93,13 +92,13 @@ def run_sweep(call: Call, overrides: Sequence[str]) -> None:
     words, call.variants = left_to_jobs(overrides, call.variants)
     # Launchers configure the logging of the process that they run in; the caller's stays as it is.
     words += ["hydra/job_logging=none", "hydra/hydra_logging=none"]
-    with _hydra(overrides, call) as hydra:
+    with hydra_of(overrides, call) as hydra:
         hydra.multirun("trial", call, words, with_log_configuration=False)
 
 
 def composed(overrides: Sequence[str]) -> Order:
     """Return the resolved configuration of a trial; raises SeatrialError, in one line."""
-    with _hydra(overrides, Call(overrides)) as hydra:
+    with hydra_of(overrides, Call(overrides)) as hydra:
         config = _composed(hydra, overrides)
         return order_of(config, config.hydra)
 
@@ -125,7 +124,7 @@ def register(overrides: Sequence[str]) -> None:
 
 
 @contextmanager
-def _hydra(overrides: Sequence[str], call: Call) -> Iterator[Hydra]:
+def hydra_of(overrides: Sequence[str], call: Call) -> Iterator[Hydra]:
     """Provide a Hydra with singletons of its own, and errors in one line."""
     refuse_gone(overrides)
     refuse_passwords(overrides)
@@ -142,7 +141,7 @@ def _hydra(overrides: Sequence[str], call: Call) -> Iterator[Hydra]:
             hydra = GlobalHydra.instance().hydra
             assert hydra is not None
             yield hydra
-            if call.trials and not call.lists:
+            if call.trials:
                 told = "the command line lists trials, Python runs them"
                 raise ConfigurationError(f"dry_run: {told}")
     except (Exception, StopSignal) as error:

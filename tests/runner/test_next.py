@@ -3,7 +3,6 @@
 import json
 import re
 import time
-from collections.abc import Sequence
 from dataclasses import replace
 from pathlib import Path
 
@@ -12,11 +11,10 @@ import pytest
 
 from seatrial.models.excitation.helm_sequence import HelmSequence
 from seatrial.models.identification.next_experiment import ranked
-from seatrial.runner.commands import fits
+from seatrial.runner.commands.fits import fits_of
 from seatrial.runner.commands.next import Planner, nominal, purpose_of
-from seatrial.runner.sweeps import in_process
-from seatrial.runner.sweeps.job import shown
 from tests.runner.command import Command
+from tests.trials import options
 
 SQUARE = '{"type": "Polygon", "coordinates": [[[0,0],[%s,0],[%s,%s],[0,%s],[0,0]]]}'
 OTTER = ("next", "--vessel", "otter", "--database", "sqlite:///none.db")
@@ -117,21 +115,26 @@ def test_a_word_that_is_no_choice_is_one_line(seatrial: Command) -> None:
     several = seatrial.refuses("fits", "vessel=kvlcc2", "controller=autopilot,none")
     assert several.startswith("fits: got 'controller=autopilot,none', expected vessel=NAME or")
     assert "vessel" in seatrial.refuses("fits", "vessel=tugg", "excitation=prbs")
+    chosen = ("vessel=otter", "excitation=prbs", "controller=none", "evaluation=none")
+    said = seatrial.refuses("fits", *chosen, "identifier=ls")
+    assert said.startswith("fits: got a choice of each group")
 
 
-def test_stored_trials_fit_and_vessels_that_can_have_the_same_are_shown_together(
-    monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
-) -> None:
-    def run_sweep(call: in_process.Call, words: Sequence[str]) -> None:
-        trials = [shown(variant) for variant in call.variants]
-        assert all("excitation=prbs evaluation=none" in trial for trial in trials)
-        states = ["refused"] * (2 if "vessel=otter" in trials[0] else 1) + ["finished"] * 99
-        call.trials = [*zip(states, trials, "x" * len(trials), strict=False)]
-
-    monkeypatch.setattr(in_process, "run_sweep", run_sweep)
-    fits.main(["vessel=osv,otter,frigate", "excitation=prbs", "evaluation=none"])
-    groups = capsys.readouterr().out.split("\n\n")
-    assert [group.partition("\n")[0] for group in groups] == ["osv, frigate", "otter"]
+def test_what_fits_is_what_a_sweep_plans(seatrial: Command) -> None:
+    """The excitation follows a controller, and the controller an excitation."""
+    given = ("identifier=none", "evaluation=none")
+    answer = seatrial.succeeds("fits", "vessel=blueboat,osv,otter", *given, "controller=none")
+    assert "2 of 3: osv" in answer.err
+    heads = [part.partition("\n")[0] for part in answer.out.split("\n\n")]
+    assert heads == ["blueboat, otter", "osv"]  # vessels that can have the same are together
+    fits = fits_of(["osv", "otter"], {"identifier": "none", "evaluation": "none"})
+    for group in ("excitation", "controller"):
+        names = ",".join(options(group))
+        words = ("-m", "vessel=osv,otter", f"{group}={names}", *given, "dry_run=true")
+        lines = [line.split() for line in seatrial(*words).out.splitlines()]
+        for state, vessel, choice, *_ in (line for line in lines if line[0] in ("new", "refused")):
+            name, is_new = choice.partition("=")[2], state == "new"
+            assert (fits[vessel.partition("=")[2]][group][name] == "") == is_new, (vessel, choice)
 
 
 @pytest.mark.nightly
