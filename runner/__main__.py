@@ -17,8 +17,8 @@ file_config_source, SourcesRegistry, _get_header_dict, _normalize_file_name: for
 get_sanitized_cfg, Hydra: for the vessel's numbers in --cfg (tests/runner/test_vessel_options.py)
 get_mode: to compose once less (tests/runner/test_experiments.py)
 SlurmInfoWatcher, SlurmJob, _make_command: to ask Slurm's queue (tests/runner/test_slurm.py)
-_get_node, _is_interpolation, _set_flag: for interpolations as they are written, and to write to a
-    node (tests/runner/test_composition.py)
+_get_node, _is_interpolation, _set_flag, _value: for interpolations and quotes as they are written,
+    and to write to a node (tests/runner/test_composition.py, interface/test_shell.py)
 _left_title: of an axis in matplotlib (tests/runner/compare/test_figures.py)
 """
 
@@ -40,7 +40,7 @@ from seatrial.runner.configuration import invocation
 from seatrial.runner.configuration.hydra_errors import EXPECTED, one_line, refuse_gone
 from seatrial.runner.configuration.search_path import CONF, UserFolders, hidden, is_group
 from seatrial.runner.database.terminal import error_line, refuse_passwords
-from seatrial.runner.sweeps.composition import left_to_jobs, with_numbers
+from seatrial.runner.sweeps.composition import left_to_jobs, spread, with_numbers
 from seatrial.runner.sweeps.console import NewWarnings
 from seatrial.runner.sweeps.in_process import register
 from seatrial.runner.sweeps.stop_signals import StopSignals
@@ -142,6 +142,8 @@ def _parsed(words: list[str], session: Session) -> Namespace:
         arguments.overrides, session.variants = left_to_jobs(arguments.overrides, session.variants)
     elif session.variants:
         raise ConfigurationError(f"{VARIANT}: got one trial, expected a sweep (-m)")
+    else:
+        arguments.overrides = spread(arguments.overrides)
     UserFolders.config_dir = arguments.config_dir
     return arguments
 

@@ -29,6 +29,7 @@ import sys
 import tempfile
 from dataclasses import dataclass
 from functools import cached_property, lru_cache
+from importlib.util import find_spec
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any, NamedTuple
 
@@ -62,7 +63,8 @@ if TYPE_CHECKING:
 else:
     import lazy_loader
 
-    ca = lazy_loader.load("casadi")  # an extra
+    # An extra, of which lazy_loader may wait for itself where it is missing.
+    ca = lazy_loader.load("casadi") if find_spec("casadi") else None
 
 log = logging.getLogger(__name__)
 FLAGS = "-O1", "-march=native", "-fPIC", "-shared"
@@ -84,10 +86,9 @@ SPELLED = {
 @lru_cache
 def solvers() -> list[str]:
     """The names of the solvers that this build of CasADi has; ConfigurationError without CasADi."""
-    try:
-        return [name for name in SOLVERS if ca.has_nlpsol(name)]
-    except ModuleNotFoundError as error:
-        raise ConfigurationError("casadi is not installed: pip install 'seatrial[nmpc]'") from error
+    if ca is None:
+        raise ConfigurationError("casadi is not installed: pip install 'seatrial[nmpc]'")
+    return [name for name in SOLVERS if ca.has_nlpsol(name)]
 
 
 def coefficients(plant: PlantTable) -> Array:

@@ -23,7 +23,7 @@ from typing import Literal
 import numpy as np
 
 from seatrial.models.errors import ConfigurationError
-from seatrial.models.notation import ACCELERATIONS, DOFS, FORCE_UNIT, VELOCITIES
+from seatrial.models.notation import ACCELERATIONS, DOFS, FORCE_UNIT, POSES, VELOCITIES
 from seatrial.models.ranges import Density, Length, NotNegative, Positive, check_ranges
 from seatrial.models.vessel import basis
 from seatrial.models.vessel.basis import N_VARIABLES, VARIABLES, Array, Term
@@ -128,6 +128,14 @@ def _table(
     return vessel + derivative_table(name, dofs, damping)
 
 
+_OF_MOTION = {  # variables of a degree of freedom
+    dof: {velocity, acceleration, *({pose} & {*basis.ANGLES})}
+    for dof, pose, velocity, acceleration in zip(
+        DOFS, POSES, VELOCITIES, ACCELERATIONS, strict=True
+    )
+}
+
+
 def derivative_table(name: str, dofs: Sequence[str], derivatives: Mapping[str, float]) -> Vessel:
     """Table of hydrodynamic or wind derivatives only; its entries are minus the derivatives."""
     rows: dict[Term, Array] = {}
@@ -137,6 +145,10 @@ def derivative_table(name: str, dofs: Sequence[str], derivatives: Mapping[str, f
             raise ConfigurationError(
                 f"derivatives.{key}: got {dof}, expected one of {', '.join(dofs)}"
             )
+        factors = {basis.VARIABLES[code % basis.N_VARIABLES] for code in term.codes}
+        if lacking := factors & {name for each in {*DOFS} - {*dofs} for name in _OF_MOTION[each]}:
+            expected = f"expected the motion in {', '.join(dofs)}"
+            raise ConfigurationError(f"derivatives.{key}: got {min(lacking)}, {expected}")
         rows.setdefault(term, np.zeros(len(dofs)))[dofs.index(dof)] -= value
     theta = np.array([*rows.values()]).reshape(len(rows), len(dofs))
     return Vessel(name, tuple(dofs), tuple(rows), theta)

@@ -10,7 +10,7 @@ from seatrial.models.errors import ConfigurationError
 from seatrial.models.notation import DOFS, PLANAR
 from seatrial.models.ranges import Length, Positive, check_ranges
 from seatrial.models.vessel.allocation import Allocation, DeviceAllocation, device_allocation
-from seatrial.models.vessel.basis import INPUTS, Array
+from seatrial.models.vessel.basis import INPUTS, N_VARIABLES, VARIABLES, Array
 from seatrial.models.vessel.derivatives import CoriolisForces, Prime, RigidBody, from_derivatives
 from seatrial.models.vessel.devices.device import Device, input_bounds
 from seatrial.models.vessel.scales import Scales, scales
@@ -159,6 +159,11 @@ class VesselParameters:
         derivatives = derivatives | restored
         table = from_derivatives(self.name, self.dofs, inertia, derivatives, self.coriolis)
         table = table if self.body is None else table + self.body.restoring(self.dofs)
+        for term in table.terms:
+            factors = {VARIABLES[code % N_VARIABLES] for code in term.codes}
+            if lacking := factors & {*INPUTS} - {*self.inputs}:
+                expected = f"expected one of the inputs ({', '.join(self.inputs) or 'none'})"
+                raise ConfigurationError(f"derivatives: got {min(lacking)}, {expected}")
         if self.attitude == table.attitude and not self.inputs and not self.devices:
             return table
         return replace(

@@ -46,14 +46,7 @@ def overrides_of(options: Mapping[str, object]) -> list[str]:
         given = part_of(value, key) if key in GROUPS else value
         if given is None and key in GROUPS:
             raise ConfigurationError(f"{key}: got None or a model of no run, expected a choice")
-        if key not in GROUPS or not isinstance(given, Mapping):
-            texts.append(f"{key}={text_of(given, key)}")
-        elif TARGET in given:
-            texts += [f"~{key}", f"+{key}={text_of(given, key)}"]
-        elif "name" in given:
-            raise ConfigurationError(f"{key}: got name without {TARGET}, expected options or both")
-        else:
-            texts += overrides_of({f"{key}.{inner}": item for inner, item in given.items()})
+        texts.append(f"{key}={text_of(given, key)}")
     return texts
 
 

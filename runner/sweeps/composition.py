@@ -10,6 +10,7 @@ refuses, which raises its own errors.
 import pickle
 import re
 from collections.abc import Iterator, Mapping, Sequence
+from contextlib import suppress
 from copy import deepcopy
 from functools import lru_cache
 from io import BytesIO
@@ -27,6 +28,7 @@ from hydra.types import RunMode
 from omegaconf import DictConfig, OmegaConf, open_dict, read_write
 from omegaconf.errors import OmegaConfBaseException
 
+from seatrial.models.errors import ConfigurationError
 from seatrial.runner.configuration.vessel_options import SUITED_GROUPS, filled, suited_parts
 from seatrial.runner.record.vocabulary import GROUPS, Config
 from seatrial.runner.sweeps.job import Order
@@ -381,6 +383,31 @@ class Composer:
         return self._has_option[choices, key]
 
 
+def spread(words: Sequence[str]) -> list[str]:
+    """Return overrides without mappings of groups, given as `GROUP={...}`.
+
+    One with `_target_` replaces what the group has, any other sets options of it. Raises
+    ConfigurationError for a name without a class: it would be that of the group's own part.
+    """
+    result, keys = list[str](), {word.partition("=")[0] for word in words}
+    for word in words:
+        group, _, text = word.lstrip("+").partition("=")
+        value: object = None
+        if group in GROUPS and "={" in word and f"~{group}" not in keys:
+            with suppress(HydraException):  # said by Hydra itself
+                value = cast(Any, _parsed(word))._value  # with its quotes
+        if not isinstance(value, dict):
+            result.append(word)
+        elif "_target_" in value:
+            result += [f"~{group}", f"+{group}={text}"]
+        elif "name" in value:
+            expected = "expected options or both"
+            raise ConfigurationError(f"{group}: got name without _target_, {expected}")
+        else:
+            result += [f"{group}.{key}={text_of(item)}" for key, item in value.items()]
+    return result
+
+
 def left_to_jobs(
     words: Sequence[str], variants: Sequence[Sequence[str]]
 ) -> tuple[list[str], list[list[str]]]:
@@ -390,7 +417,7 @@ def left_to_jobs(
     `identifier=none,ls identifier.basis=physical`. As a part of every variant it is for the jobs.
     So is a list with sweeps, which no configuration can hold.
     """
-    parser = OverridesParser.create()
+    words, parser = spread(words), OverridesParser.create()
 
     def parsed(word: str) -> Override | None:
         try:

@@ -30,7 +30,7 @@ from seatrial.runner.configuration.hydra_errors import EXPECTED, one_line, refus
 from seatrial.runner.configuration.invocation import import_from_working_folder, trial_program
 from seatrial.runner.configuration.search_path import CONF, UserFolders
 from seatrial.runner.database.terminal import error_line, refuse_passwords
-from seatrial.runner.sweeps.composition import left_to_jobs, order_of
+from seatrial.runner.sweeps.composition import left_to_jobs, order_of, spread
 from seatrial.runner.sweeps.job import Order
 from seatrial.runner.sweeps.processes import Processes
 from seatrial.runner.sweeps.search import SearchSweeper
@@ -73,7 +73,7 @@ def run_trial(overrides: Sequence[str]) -> Call:
 
     Raises SeatrialError, in one line, if the trial cannot be run.
     """
-    call = Call(overrides)
+    call, overrides = Call(overrides), spread(overrides)
     with hydra_of(overrides, call) as hydra:
         config = _composed(hydra, overrides)
         if config.hydra.mode is RunMode.MULTIRUN:
@@ -98,6 +98,7 @@ def run_sweep(call: Call, overrides: Sequence[str]) -> None:
 
 def composed(overrides: Sequence[str]) -> Order:
     """Return the resolved configuration of a trial; raises SeatrialError, in one line."""
+    overrides = spread(overrides)
     with hydra_of(overrides, Call(overrides)) as hydra:
         config = _composed(hydra, overrides)
         return order_of(config, config.hydra)

@@ -37,6 +37,7 @@ from seatrial.runner.sweeps.composition import (
     SharingLoader,
     nested_sweeps,
     order_of,
+    spread,
     text_of,
 )
 from seatrial.runner.sweeps.job import (
@@ -243,7 +244,8 @@ class SeatrialSweeper(Sweeper):
         own, variants = self._config, self.session.variants or self.variants
         limits = build_as(Limits, OmegaConf.to_container(own.limits, resolve=True), "limits")
         composer = Composer(self._loader, own)
-        jobs = composer.applicable(jobs_of(parser, self.params, variants, arguments, limits))
+        jobs = list(map(spread, jobs_of(parser, self.params, variants, arguments, limits)))
+        jobs = composer.applicable(jobs)
         plans = planned(composer, jobs)
         fitting = [plan for plan in plans if isinstance(plan, PlannedTrial)]
         if lines := console.chosen_by_vessels(fitting):

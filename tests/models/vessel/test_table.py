@@ -89,8 +89,12 @@ def test_coefficient_units(term: str, dof: str, unit: str) -> None:
 
 @pytest.mark.parametrize(
     ("name", "message"),
-    [("Q_u", "expected a name"), ("X", "expected a name"), ("X_abc", "expected"), ("Z_w", "heave")],
-)
+    [
+        ("Q_u", "expected a name"), ("X", "expected a name"), ("X_abc", "expected"),
+        ("Z_w", "heave"), ("X_q", "derivatives.X_q: got q, expected the motion in surge, sway"),
+        ("Y_|w|v", "got w"), ("N_qdot", "got q_dot"), ("Y_phi", "got phi"),
+    ],
+)  # fmt: skip
 def test_wrong_derivatives_are_refused(name: str, message: str) -> None:
     with pytest.raises(ConfigurationError, match=message):
         from_derivatives("ship", PLANAR, M, {name: 1.0})

@@ -94,6 +94,12 @@ def test_options_replace_those_of_a_vessel(tug: st.Vessel) -> None:
     other = st.Vessel("tug.yaml", derivatives={"X_u": -80.0})
     assert other.table.coefficient("surge", "u") == 2.0 * tug.table.coefficient("surge", "u")
     assert other.inertia.equals(tug.inertia)
+    for name, said in {
+        "X_q": "X_q: got q, expected the motion in",
+        "X_delta": " got delta",
+    }.items():
+        with pytest.raises(st.ConfigurationError, match=rf"vessel: derivatives[.:]{said}"):
+            st.Vessel("tug.yaml", derivatives={name: -80.0})
 
 
 def test_a_model_repeats_the_motion_of_the_trial(run: st.Run) -> None:

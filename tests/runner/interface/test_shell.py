@@ -11,6 +11,8 @@ from hypothesis import strategies as any_
 from seatrial.models.errors import ConfigurationError
 from seatrial.runner.configuration.config import build_trial
 from seatrial.runner.interface.shell import overrides_of, place_of, text_of
+from seatrial.runner.record.vocabulary import GROUPS
+from seatrial.runner.sweeps.composition import spread
 from seatrial.runner.sweeps.in_process import composed
 
 PARSER = OverridesParser.create()
@@ -57,7 +59,8 @@ def test_a_range_is_a_sweep() -> None:
 def test_names_of_nested_options() -> None:
     options = {"identifier": "ls", "identifier__basis": "physical", "seed": 1}
     assert overrides_of(options) == ["identifier=ls", "identifier.basis=physical", "seed=1"]
-    assert overrides_of({"controller": {"kp": [1, 2]}}) == ["controller.kp=[1,2]"]
+    assert overrides_of({"controller": {"kp": [1, 2]}}) == ["controller={kp:[1,2]}"]
+    assert spread(["controller={kp:[1,2]}", "seed=1"]) == ["controller.kp=[1,2]", "seed=1"]
     assert overrides_of({"plant__change": {"at_s": 3}}) == ["plant.change={at_s:3}"]
 
 
@@ -90,10 +93,9 @@ def test_a_mapping_with_a_target_replaces_the_group() -> None:
 def test_what_is_no_value_is_refused() -> None:
     with pytest.raises(ConfigurationError, match="seed: got a object, expected a value"):
         overrides_of({"seed": object()})
-    with pytest.raises(
-        ConfigurationError, match="vessel: got name without _target_, expected options"
-    ):
-        overrides_of({"vessel": {"name": "tug"}})
+    for group in GROUPS:
+        with pytest.raises(ConfigurationError, match=f"{group}: got name without _target_, expec"):
+            composed(overrides_of({group: {"name": "tug"}}))
 
 
 def test_places(monkeypatch: pytest.MonkeyPatch) -> None:
