@@ -55,7 +55,12 @@ seatrial {version}: sea trials for models and controllers of marine vessels
 
 {trial} vessel=NAME runs a trial that suits the vessel; {trial} --help names what can be chosen."""
 # What a first word may be meant as that is neither an option nor a command.
-MEANT = {"run": "{trial} option=value ...", "help": "{trial} --help", "list": "{results} runs"}
+MEANT = {
+    "run": "{trial} option=value ...",
+    "help": "{trial} --help",
+    "list": "{results} runs",
+    "version": "{trial} --version",
+}
 VARIANT = "--variant"  # options that change together in a sweep
 SANITIZED, MODE = Hydra.get_sanitized_cfg, Hydra.get_mode
 SET_MODE = ("experiment", "hydra")  # beginnings of overrides with which it can be set
@@ -158,7 +163,7 @@ def variant(text: str) -> list[str]:
 
 
 def _refuse(message: str) -> NoReturn:
-    raise ConfigurationError(message)
+    raise ConfigurationError(invocation.in_words(message))
 
 
 def _run(session: Session, arguments: Namespace) -> None:

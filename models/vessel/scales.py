@@ -202,6 +202,8 @@ def hull(
     mass_kg: float | None = None,
 ) -> Hull:
     """A hull of which only the length must be known; Archimedes gives draught or mass."""
+    if not length_m > 0.0:
+        raise ConfigurationError(f"length: got {length_m:g} m, expected more than 0")
     beam = length_m / SLENDERNESS if beam_m is None else beam_m
     area = BLOCK_COEFFICIENT * WATER * length_m * beam
     if draught_m is None and mass_kg is not None:

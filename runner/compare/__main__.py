@@ -18,7 +18,7 @@ from seatrial.runner.configuration import invocation, plugins
 from seatrial.runner.database.terminal import error_line, refuse_passwords
 
 # What a first word may be meant as that is no command, nor similar to one.
-MEANT = {"list": "runs", "help": "--help"}
+MEANT = {"list": "runs", "help": "--help", "vessels": "seatrial --help"}
 
 
 def main() -> None:
@@ -44,10 +44,9 @@ def run(words: Sequence[str]) -> int:
             if instead and text.split()[-1] in message:  # which is about this word
                 message = f"{text} is gone: {instead}"
                 break
-        if message.startswith("No such command") and (command := MEANT.get(words[0])):
-            message += f" Did you mean '{command}'?"
-        if message:  # else the help was printed
-            print(f"{app.info.name}: {error_line(message)}", file=sys.stderr)
+        if message.startswith("no command") and (command := MEANT.get(words[0])):
+            message = message.replace("see --help", f"did you mean '{command}'?")
+        print(f"{app.info.name}: {error_line(message)}", file=sys.stderr)
         return 2
     except KeyboardInterrupt:
         return 130

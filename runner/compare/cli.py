@@ -23,7 +23,7 @@ from typer.main import get_command
 from seatrial.models.errors import ConfigurationError
 from seatrial.runner.compare.figures import Several, axes_of, figures, split
 from seatrial.runner.compare.grid import OutputFormat, TextTable, render
-from seatrial.runner.configuration.invocation import DEFAULT_DATABASE, program_version
+from seatrial.runner.configuration.invocation import DEFAULT_DATABASE, in_words, program_version
 from seatrial.runner.record.catalogue import all_declared
 
 if TYPE_CHECKING:
@@ -237,7 +237,7 @@ def command(database: str = DEFAULT_DATABASE, **more: Any) -> Callable[[F], F]:
 def run_typer(program: typer.Typer, words: Sequence[str]) -> int:
     """Run the words of a command line and return the exit code; 130 on Ctrl-C.
 
-    Raises ConfigurationError for words that are wrong; its message is empty after the help.
+    Raises ConfigurationError for words that are wrong.
     """
     name = str(program.info.name)
     try:
@@ -248,7 +248,9 @@ def run_typer(program: typer.Typer, words: Sequence[str]) -> int:
             raise
         command = name.removeprefix("seatrial ")
         place = "" if command == name else f"{command}: "
-        text = INVALID.sub(r"\1: ", error.format_message())
+        text = INVALID.sub(r"\1: ", in_words(error.format_message()))
+        if not text:  # the help was printed
+            return 2
         if isinstance(error.__cause__, pydantic.ValidationError):
             problem = error.__cause__.errors()[0]  # in the words for options of a configuration
             bound = problem["msg"].replace("Input should be", "a number")

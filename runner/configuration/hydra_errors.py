@@ -12,7 +12,7 @@ from omegaconf import OmegaConf
 from omegaconf.errors import OmegaConfBaseException
 
 from seatrial.models.errors import ConfigurationError, SeatrialError
-from seatrial.runner.configuration.invocation import meant, replaced, trial_program
+from seatrial.runner.configuration.invocation import in_words, meant, replaced, trial_program
 from seatrial.runner.configuration.plugins import leaves
 from seatrial.runner.configuration.search_path import CONF, is_group, options
 
@@ -23,18 +23,6 @@ _NOT_FOUND = re.compile(r"Could not (?:find|load) '(?P<group>.*)/(?P<option>[^/'
 _NO_KEY = re.compile(r"Could not override '(?P<key>[^']*)'")
 _NO_NAME = re.compile(r"null|true|false|[-+.\d].*|[\[{].*", re.IGNORECASE)
 _NOISE = re.compile(r"^\s*(See https?:|Set the environment variable|object_type=|full_key:)")
-
-
-# What the messages say in place of those of Hydra and OmegaConf.
-TRANSLATED = {
-    re.compile(r"Ambiguous value for argument '(?P<override>.*)'"):
-        "{override}: several values, expected one (a sweep needs -m)",
-    re.compile(r"An item is already at '(?P<option>[^']*)'"):
-        "+{option}: the option exists already, write {option}=...",
-    re.compile(r"Environment variable '(?P<name>[^']*)' not found"):
-        "{key}: the environment variable {name} is not set",
-    re.compile(r"Missing mandatory value"): "{key} is missing, give it as {key}=...",
-}  # fmt: skip
 
 
 def refuse_gone(words: Iterable[str]) -> None:
@@ -56,9 +44,8 @@ def one_line(error: BaseException, overrides: Sequence[str] = ()) -> str:
         return _missing_option(match["group"], match["option"], error.options or ())
     if match := _NO_KEY.search(text):
         return _unknown_option(match["key"], overrides)
-    for pattern, message in TRANSLATED.items():
-        if match := pattern.search(text):
-            return message.format(key=key, **match.groupdict())
+    if (ours := in_words(text, key)) != text:
+        return ours
     if text.startswith("Config group override must be"):  # a name, such as null
         for group, _, value in (override.partition("=") for override in overrides):
             if _NO_NAME.fullmatch(value) and (known := options(group)):

@@ -29,10 +29,21 @@ DEFAULT_DATABASE = "sqlite:///results/results.db"
 COLLECTED_AFTER = 20_000  # new objects; Python's own 700 takes a tenth of the time of a start
 
 
-@cache
+def in_words(text: str, key: object = "") -> str:
+    """Return a message of another package in our words; `key` is the option that it is about."""
+    for pattern, ours in _data("words").items():
+        text = re.sub(pattern, ours, text)
+    return text.replace("{key}", str(key))
+
+
 def replaced() -> Mapping[str, str]:
     """Return the commands and options that are gone, each with what replaces it."""
-    text = Path(__file__).with_name("replaced.yaml").read_text(encoding="utf-8")
+    return _data("replaced")
+
+
+@cache
+def _data(name: str) -> Mapping[str, str]:
+    text = Path(__file__).with_name(f"{name}.yaml").read_text(encoding="utf-8")
     return dict(yaml.safe_load(text))
 
 

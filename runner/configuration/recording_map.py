@@ -17,6 +17,7 @@ from seatrial.models.errors import ConfigurationError
 from seatrial.models.recording.column_map import ColumnMap
 from seatrial.models.recording.recorded_file import RecordedFile
 from seatrial.runner.configuration import options
+from seatrial.runner.configuration.invocation import in_words
 from seatrial.runner.configuration.search_path import CONF, located
 
 DEFAULT = CONF / "excitation" / "recording.yaml"
@@ -55,7 +56,8 @@ def read_map(path: str | Path) -> dict[str, object]:
     try:
         content = yaml.safe_load(path.read_text(encoding="utf-8"))
     except (OSError, UnicodeDecodeError, yaml.YAMLError) as error:
-        reason = getattr(error, "strerror", None) or str(error).splitlines()[0]
+        told = (getattr(error, name, None) for name in ("strerror", "problem"))
+        reason = in_words(next(filter(None, told), str(error).splitlines()[0]))
         raise ConfigurationError(f"excitation.map: {path}: {reason}, expected YAML") from error
     if not isinstance(content, dict) or "time" not in content:
         expected = "expected the columns of a recording, such as time: t, velocity: {surge: u}"

@@ -14,8 +14,8 @@ from seatrial.models import notation
 from seatrial.models.errors import ConfigurationError, RecordingError
 from seatrial.models.excitation import commands, setpoints
 from seatrial.models.identification import free_run, problem, validation
-from seatrial.models.recording import column_map, signals, source
 from seatrial.models.recording import recording as recordings
+from seatrial.models.recording import signals, source
 from seatrial.models.recording.recorded_file import RecordedFile
 from seatrial.models.simulation import loop, registry
 from seatrial.models.vessel.basis import Array
@@ -55,8 +55,8 @@ class Recording(Displayed, recordings.Recording):
         which names line and column, or ConfigurationError for a wrong option or column.
         """
         own = {f"excitation.{name}": value for name, value in (options_ | {"path": path}).items()}
-        words = overrides_of({"vessel": vessel, "excitation": "recording", **own})
-        config = in_process.composed(words).config
+        given = {"vessel": vessel, "excitation": "recording", **own}
+        config = in_process.composed(overrides_of(given)).config
         dofs = build_as(VesselParameters, config["vessel"], "vessel").dofs
         return cls.of(build_as(RecordedFile, config["excitation"], "excitation").read(dofs))
 
@@ -72,6 +72,7 @@ class Recording(Displayed, recordings.Recording):
 
         Raises RecordingError if a column is missing, a number not finite, or the steps not equal.
         """
+        frame = pd.DataFrame(frame)
         if isinstance(frame.index, pd.DatetimeIndex) and "t" not in frame:
             frame = frame.set_axis((frame.index - frame.index.min()).total_seconds().rename("t"))
         table = frame.reset_index() if frame.index.name == "t" else frame
@@ -90,9 +91,8 @@ class Recording(Displayed, recordings.Recording):
         even = (steps - period).abs() < recordings.UNIFORMITY * period
         gaps = (steps > signals.GAP * period) & (period > 0.0)
         at_gap = "split" if gaps.any() and (gaps | even).all() else "refuse"
-        time = column_map.Column("t", "s")
-        options: Any = {"path": "frame", "at_gap": at_gap, **options_}
-        reader = RecordedFile(columns=column_map.ColumnMap(time, **mapped), **options)
+        node = {"columns": {"time": {"column": "t", "unit": "s"}, **mapped}, "path": "frame"}
+        reader = build_as(RecordedFile, {**node, "at_gap": at_gap, **options_}, "")
         columns = {str(name): table[name].to_numpy() for name in table}
         return cls.of(reader.recording(axes, {"": source.Source("", Path("frame"), columns)}))
 
@@ -187,14 +187,16 @@ class Model(Displayed):
             if frame.empty or set(frame) - set(names):
                 raise ConfigurationError(f"force: got {list(frame)}, expected some of {names}")
             force = frame.reindex(columns=names, fill_value=0.0).to_numpy()
-        command = np.array(force, dtype=np.float64, order="C")
+        if not min(period_s, step_s) > 0.0:
+            raise ConfigurationError(f"period_s, step_s: got {period_s}, {step_s}, expected > 0")
+        command = array_of(force, "force")
         if command.ndim != 2 or command.shape[1] != len(names) or not len(command):
             raise ConfigurationError(
                 f"force: got shape {command.shape}, expected (N, {len(names)})"
             )
         still, start = np.zeros((len(command), n_dof)), {}
         for name, values in {"pose": pose, "velocity": velocity}.items():
-            start[name] = np.array([0.0] * n_dof if values is None else values, dtype=np.float64)
+            start[name] = array_of([0.0] * n_dof if values is None else values, name)
             if (shape := start[name].shape) != (n_dof,):
                 raise ConfigurationError(f"{name}: got shape {shape}, expected ({n_dof},)")
         voyage = loop.sail(
@@ -291,6 +293,8 @@ def fitted(
         given |= {f"identifier.{name}": value for name, value in options.items()}
     node = in_process.composed(overrides_of(given)).config
     role, part = cast(Any, problem.Identifier), cast(Any, identifier)  # an abstract class
+    if not named and not isinstance(part, role):
+        raise ConfigurationError(f"identifier: got {part!r}, expected a name or an Identifier")
     method = build_as(role, node["identifier"], "identifier") if named else replace(part, **options)
     if getattr(method, "selection", None) == "test":
         raise ConfigurationError("identifier.selection: got test, expected training data")
@@ -315,6 +319,14 @@ def joined(data: Recordings, vessel: VesselParameters) -> recordings.Recording:
     parts = [Recording.from_frame(x) if isinstance(x, pd.DataFrame) else x for x in listed]
     known = [x if x.tau_filtered is not None else x.with_thruster(vessel.thruster) for x in parts]
     return recordings.end_to_end(known)
+
+
+def array_of(values: object, key: str) -> Array:
+    """Return values as an array of finite numbers; errors name the argument."""
+    try:
+        return np.array(np.asarray_chkfinite(values, np.float64), order="C")
+    except (TypeError, ValueError) as error:
+        raise ConfigurationError(f"{key}: got {values!r:.80}, expected finite numbers") from error
 
 
 def motion_frame(t: Array, dofs: tuple[str, ...], eta: Array, nu: Array) -> pd.DataFrame:

@@ -15,7 +15,7 @@ from seatrial.runner.compare import commands
 from seatrial.runner.compare.cli import MAX_ROWS, TableOptions
 from seatrial.runner.compare.figures import PlotRequest
 from seatrial.runner.compare.grid import TextTable
-from seatrial.runner.configuration.invocation import DEFAULT_DATABASE
+from seatrial.runner.configuration.invocation import DEFAULT_DATABASE, meant
 from seatrial.runner.interface.shell import Displayed, command_options, overrides_of, place_of
 from seatrial.runner.record.vocabulary import GROUPS
 
@@ -97,7 +97,10 @@ class Logbook(Displayed):
         """
         with self.opened() as results:
             condition, _ = results.selected(where, self._chosen(sweep))
-            chosen = [names] if isinstance(names, str) else names or results.metric_names()
+            known = results.metric_names()
+            chosen = [names] if isinstance(names, str) else names or known
+            for name in {*chosen} - {*known}:
+                raise ConfigurationError(f"names: no metric {name!r} here. {meant(name, known, 3)}")
             numbers = results.metrics(chosen, condition)
             choices = results.trials(condition)[[*GROUPS, "seed"]].astype({"seed": "int64"})
         frame = numbers.join(choices, on="run", how="inner")
@@ -208,8 +211,7 @@ class Run(Displayed):
         if len(own) != 1:
             known = ", ".join(sorted({f"{row.dof} of {row.model}" for row in same}))
             got = f"got {len(own)} numbers {name} with dof {dof} of model {model}, expected one"
-            known = f"it has {known or 'no such metric'}"
-            raise ConfigurationError(f"run {self.number}: {got}; {known}")
+            raise ConfigurationError(f"run {self.number}: {got}, has {known or 'no such metric'}")
         return float("nan") if own[0].value is None else own[0].value
 
     def plot(self, kind: str, ax: "Axes | None" = None, **options: Any) -> "Figure":
@@ -281,6 +283,7 @@ def sweep(
     Returns the runs of the sweep, those that failed or diverged among them. Raises SeatrialError
     if a trial cannot be run (then none was started), or the workers were lost.
     """
+    trials = [trials] if isinstance(trials, str) else trials
     texts = [trial for trial in trials if isinstance(trial, str)]
     variants = [_texts(trial, database) for trial in trials if not isinstance(trial, str)]
     fixed = _texts(options if name is None else {"sweep.name": name, **options}, database)

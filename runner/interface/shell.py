@@ -12,7 +12,6 @@ from seatrial.runner.compare.grid import OutputFormat, TextTable, render
 from seatrial.runner.configuration.invocation import meant, quoted
 from seatrial.runner.record.vocabulary import GROUPS, Config
 
-TARGET = "_target_"
 T = TypeVar("T")
 
 
@@ -36,9 +35,8 @@ class Displayed:
 def overrides_of(options: Mapping[str, object]) -> list[str]:
     """Return the overrides of options by name; raises ConfigurationError for what has none.
 
-    A double underscore stands for the dot of a nested option, and a mapping for several options of
-    one group: `controller__kp=[1, 2, 3]` equals `controller={"kp": [1, 2, 3]}`. A mapping with
-    `_target_`, or a part as an object, replaces what a group has.
+    A double underscore stands for the dot of a nested option: `controller__kp=[1, 2, 3]` equals
+    `controller={"kp": [1, 2, 3]}`. Objects become mappings, as `composition.spread` reads them.
     """
     texts = []
     for name, value in options.items():
@@ -70,7 +68,7 @@ def part_of(value: object, key: str) -> object:
         factory, item = option.default_factory, getattr(value, option.name)
         if option.init and item != (option.default if factory is MISSING else factory()):
             given[option.name] = item
-    return {TARGET: f"{cls.__module__}.{cls.__qualname__}", **cast(Config, part_of(given, key))}
+    return {"_target_": f"{cls.__module__}.{cls.__qualname__}", **cast(Config, part_of(given, key))}
 
 
 def text_of(value: object, key: str) -> str:
@@ -80,10 +78,8 @@ def text_of(value: object, key: str) -> str:
     match value:
         case range():
             return f"range({value.start},{value.stop},{value.step})"
-        case None:
-            return "null"
-        case bool() | int() | float():
-            return repr(value).lower()
+        case None | bool() | int() | float():
+            return "null" if value is None else repr(value).lower()
         case str() | Path():
             return quoted(str(value))
         case Mapping():

@@ -38,8 +38,7 @@ from seatrial.runner.sweeps.stop_signals import StopSignal, StopSignals
 from seatrial.runner.sweeps.sweep import SeatrialSweeper, Session
 from seatrial.runner.sweeps.yaml_files import FileConfigSource
 
-# Every composition, and each group in --help, copies the store. There is one in a process, nobody
-# writes to the copies, and what is loaded is copied again.
+# Every composition copies the store, of which nobody writes to the copies.
 ConfigStore.__deepcopy__ = lambda store, memo: store  # type: ignore[attr-defined]
 
 
@@ -143,10 +142,8 @@ def hydra_of(overrides: Sequence[str], call: Call) -> Iterator[Hydra]:
             assert hydra is not None
             yield hydra
             if call.trials:
-                told = "the command line lists trials, Python runs them"
-                raise ConfigurationError(f"dry_run: {told}")
+                raise ConfigurationError("dry_run: the command line lists trials, Python runs them")
     except (Exception, StopSignal) as error:
-        # What a signal has interrupted may fail by any exception.
         if stop.number is not None or isinstance(error, StopSignal):
             raise KeyboardInterrupt from None
         # Before the start, any exception of Hydra is about the options; later it is a bug.

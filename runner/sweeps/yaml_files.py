@@ -23,6 +23,7 @@ from omegaconf.errors import OmegaConfBaseException
 from seatrial.models.errors import ConfigurationError
 from seatrial.runner import database, export
 from seatrial.runner.configuration import vessel_options
+from seatrial.runner.configuration.invocation import in_words
 from seatrial.runner.configuration.search_path import CONF
 from seatrial.runner.record.vocabulary import Config
 
@@ -104,7 +105,7 @@ class FileConfigSource(file_config_source.FileConfigSource):
             file = Path(self.path) / self._normalize_file_name(place)
             mark = getattr(error, "problem_mark", None)
             line = "" if mark is None else f", line {mark.line + 1}"
-            reason = getattr(error, "problem", None) or str(error).splitlines()[0]
+            reason = in_words(getattr(error, "problem", None) or str(error).splitlines()[0])
             raise ConfigurationError(f"{file}{line}: {reason}, expected YAML") from error
         if config_path.startswith(GROUP) and isinstance(result.config, DictConfig):
             result.config = self._with_suited_parts(result.config)

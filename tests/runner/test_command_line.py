@@ -19,7 +19,7 @@ REFUSED = {
     "seed=": "seed: got '', expected an integer",
     "seed=1,2": "seed=1,2: several values, expected one (a sweep needs -m)",
     "seed": "'seed' cannot be read, expected option=value",
-    "seed=${nowhere}": "seed: Interpolation key 'nowhere' not found",
+    "seed=${nowhere}": "seed: got ${nowhere}, which is no option",
     "+seed=2": "+seed: the option exists already, write seed=...",
     "~seed": "seed is missing",
     "~vessel": "vessel: got none, expected an option of the group",
@@ -40,6 +40,11 @@ REFUSED = {
     "database=postgresql": "SEATRIAL_DATABASE is not set; expected postgresql://",
     "database.url=mysql://a/b": "database.url: unknown database dialect 'mysql' in mysql://a/b; ",
     "database.url=results.db": "database.url is not a database URL: got 'results.db'; ",
+    "--config-dir": "--config-dir: expected a value",
+    "--config-dir=nowhere": "--config-dir: got ",
+    "--cfg=jobb": "--cfg: got jobb, expected one of 'job', 'hydra', 'all'",
+    "identifier.candidates=[ls]": "identifier.candidates: got [ls], which cannot replace its ",
+    "version": "'version' cannot be read, did you mean python -m runner --version?",
     "--bogus": "unknown flag --bogus, see --help",
     "--vessel=tug": "unknown flag --vessel=tug, did you mean vessel=tug?",
     "--show-completion": "unknown flag --show-completion, did you mean --shell-completion?",
@@ -49,8 +54,8 @@ REFUSED = {
     "tabel": "'tabel' cannot be read, did you mean python -m runner.compare table?",
     "doctor": "doctor is gone: pip check examines the packages; ",
     "benchmrk": "'benchmrk' cannot be read, did you mean python -m runner benchmark?",
-    "--config-name=nope": "Cannot find primary config 'nope'.",
-    "--resolve": "The --resolve flag can only be used in conjunction with --cfg or --help",
+    "--config-name=nope": "--config-name: got 'nope', expected a file",
+    "--resolve": "--resolve: expected --cfg or --help as well",
 }
 
 

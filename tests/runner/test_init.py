@@ -75,13 +75,13 @@ def test_a_file_is_not_replaced(seatrial: Command) -> None:
 
 REFUSED = (
     ((), "init: got nothing to start, expected seatrial init vessel NAME or "),
-    (("boat", "tug"), "init: No such command 'boat'."),
+    (("boat", "tug"), "init: no command 'boat', see --help"),
     (("vessel", "../tug"), "init: NAME: got '../tug', expected letters, digits and _"),
     (("vessel", "milliampere"), "vessel milliampere is seatrial's own, expected a new name"),
     (("vessel", "tug", "--length", "long"), "init: --length: got 'long', "),
     (("vessel", "tug", "--length", "1e9"), "length_m must be at most 1000.0, got 1e+09"),
-    (("vessel", "tug", "--length", "-1"), "length_m must be at least 0.1, got -1"),
-    (("vessel", "tug", "seed=1"), "init: Got unexpected extra argument"),
+    (("vessel", "tug", "--length", "-1"), "length: got -1 m, expected more than 0"),
+    (("vessel", "tug", "seed=1"), "init: unexpected: seed=1"),
     (("plugin", "numpy"), "init plugin: numpy is a module of Python"),
     (("plugin", "ls"), "identifier ls is seatrial's own"),
     (("plugin", "class"), "init plugin: got 'class', expected small letters"),

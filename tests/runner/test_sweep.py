@@ -215,11 +215,11 @@ def test_variants_change_options_together(seatrial: Command) -> None:
 
 def test_a_wrong_variant_is_refused(seatrial: Command) -> None:
     for arguments, message in (
-        (["-m", "--variant"], "argument --variant: expected one argument"),
-        (["-m", "--variant", "identifier"], "argument --variant: got 'identifier', expected"),
+        (["-m", "--variant"], "--variant: expected a value"),
+        (["-m", "--variant", "identifier"], "--variant: got 'identifier', expected"),
         (
             ["-m", "--variant", "identifier='ls"],
-            'argument --variant: invalid variant value: "identifier=\'ls"',
+            '--variant: got "identifier=\'ls", which cannot be read',
         ),
         (["--variant", "identifier=ls"], "--variant: got one trial, expected a sweep (-m)"),
     ):

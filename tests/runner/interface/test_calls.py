@@ -115,7 +115,7 @@ def test_a_failed_trial_raises_and_is_stored(seatrial: Command) -> None:
     with pytest.raises(st.RunFailed, match="run 1 failed: ZeroDivisionError: seed 1 ran aground"):
         st.run(seed=1)
     failed = st.open().run(1)
-    with pytest.raises(st.ConfigurationError, match="it has no such metric"):
+    with pytest.raises(st.ConfigurationError, match="has no such metric"):
         failed.metric("force_mse", "surge")
     assert "run 1, failed: milliampere" in repr(failed)
     with pytest.raises(st.RunFailed, match=r"run 2 diverged: Diverged: \|r\| = 11") as caught:

@@ -84,6 +84,16 @@ def test_wrong_forces_are_refused(tug: st.Vessel) -> None:
         st.ConfigurationError, match=r"force: got \[.sway.\], expected some of .'su"
     ):
         tug.simulate({"sway": [1.0]})
+    for wrong, said in (
+        ({"force": "abc"}, "force: got 'abc', expected finite numbers"),
+        ({"force": [[np.nan]]}, r"force: got \[\[nan\]\]"),
+        ({"force": [[1.0]], "pose": ["a"]}, r"pose: got \['a'\]"),
+        ({"force": [[1.0]], "period_s": -1.0}, "period_s, step_s: got -1.0"),
+    ):
+        with pytest.raises(st.ConfigurationError, match=said):
+            tug.simulate(**wrong)  # type: ignore[arg-type]
+    with pytest.raises(st.ConfigurationError, match="identifier: got 3, expected a name or an"):
+        tug.fit([], 3)  # type: ignore[arg-type]
     with pytest.raises(st.Diverged, match=r"tug: \|u\| exceeds 20 at t"):
         tug.simulate(np.full((5000, 1), 1e4))
     with pytest.raises(st.ConfigurationError, match=r"no option 'nowhere\.yaml'"):
