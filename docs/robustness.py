@@ -129,7 +129,7 @@ def cell(runs: Sequence[Outcome]) -> str:
 
 
 def shown(value: float, form: str) -> str:
-    """A number, or a dash where there is none; more than 1000 is not told apart."""
+    """A number, or a dash where there is none; numbers above 1000 are not distinguished."""
     if not math.isfinite(value):
         return "-"
     return "<-999" if value < -999.0 else ">999" if value > 999.0 else f"{value:{form}}"

@@ -51,7 +51,7 @@ seatrial {version}: sea trials for models and controllers of marine vessels
 
   {trial} disturbance=noise  one trial: excite, identify, validate, sail, store
   {trial} -m identifier=none,ls,auto disturbance=noise seed=0,1,2  a sweep, which can be resumed
-  {results} table  what came of it
+  {results} table  compare the results
 
 {trial} vessel=NAME runs a trial that suits the vessel; {trial} --help names what can be chosen."""
 # What a first word may be meant as that is neither an option nor a command.

@@ -1,4 +1,4 @@
-"""Whether pose and velocity of a recording belong together: eta_dot = J(eta) nu.
+"""Whether pose and velocity of a recording are consistent: eta_dot = J(eta) nu.
 
 The derivative of the pose in body axes is compared with the recorded velocity per axis. Velocities
 are R(attitude)' p_dot, angular ones those of the rotation, so that angles may jump. All signals are

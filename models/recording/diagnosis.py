@@ -1,6 +1,6 @@
 """All that can be said of a recording before anything is identified from it.
 
-Where pose and velocity do not belong together, changes of the map are tried: the recording is read
+Where pose and velocity are inconsistent, changes of the map are tried: the recording is read
 again with each, and the one with which its axes agree best is taken, the simplest of those that are
 as good. That is repeated until nothing gains. The problems are the changes that were taken, and
 what the correlations tell but no change fixes. What is no unit of the field is asked, not scaled.

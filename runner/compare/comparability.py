@@ -109,7 +109,7 @@ class TooDifferentError(ConfigurationError):
 
 
 def require_few(factors: Sequence[str], what: str) -> None:
-    """Raise TooDifferentError if the runs differ in too many factors to be told apart."""
+    """Raise TooDifferentError if the runs differ in more factors than a table can show."""
     if len(factors) > MOST_SPLITS:
         more = ", ..." if len(factors) > 8 else ""
         raise TooDifferentError(
