@@ -237,6 +237,6 @@ def test_it_runs_without_the_packages_of_its_extras() -> None:
     answer = completed(sys.executable, "-c", WITHOUT, ",".join(packages), *words)
     assert answer.returncode == 0, answer.stderr
     assert {"optuna", "casadi"} <= packages
-    for word, extra in {"identifier=nsga2": "nsga2", "controller=nmpc": "nmpc"}.items():
-        answer = completed(sys.executable, "-c", WITHOUT, ",".join(packages), word, "dry_run=true")
-        assert f"is not installed: pip install 'seatrial[{extra}]'" in answer.stderr
+    words = ("controller=nmpc", "dry_run=true")
+    answer = completed(sys.executable, "-c", WITHOUT, ",".join(packages), *words)
+    assert "is not installed: pip install 'seatrial[nmpc]'" in answer.stderr
