@@ -66,6 +66,7 @@ class Mask(types.Type):
 
 
 PACK, MASK = Pack(), Mask()
+PACKS = types.Array(PACK, 1, "C", aligned=False)
 
 
 @register_model(Pack)

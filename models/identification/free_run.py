@@ -23,7 +23,7 @@ from seatrial.models.packs import WIDTH, as_packs
 from seatrial.models.recording.recording import Recording, following, held
 from seatrial.models.simulation.dynamics import WORK_SHAPE, Scratch, scratch_in, scratch_size, step
 from seatrial.models.vessel.basis import ANGLES, ATTITUDE, INPUTS, N_VARIABLES, VARIABLES, Array
-from seatrial.models.vessel.plant_table import Flags, Layout, PlantTable
+from seatrial.models.vessel.plant_table import Flags, Layout, PlantTable, bound_plant
 from seatrial.models.vessel.pose import (
     Euler,
     Kinematics,
@@ -193,9 +193,13 @@ def _follow(
     )  # fmt: skip
 
 
-@kernel
 def predict(plant: PlantTable, course: Course, euler: bool, states: Array) -> float:
     """Write the states (N, n_pose + n_dof) that one model predicts; return the limited rates."""
+    return _predict(bound_plant(plant), course, euler, states)
+
+
+@kernel
+def _predict(plant: PlantTable, course: Course, euler: bool, states: Array) -> float:
     n_terms, n_dof = plant.codes.shape[0], plant.inverse_inertia.shape[0]
     n_pose = states.shape[1] - n_dof
     size = scratch_size(n_terms, n_dof, n_pose)

@@ -59,7 +59,7 @@ from seatrial.models.recording.recording import Recording
 from seatrial.models.vessel import basis
 from seatrial.models.vessel.basis import Array
 from seatrial.models.vessel.devices.device import Device
-from seatrial.models.vessel.plant_table import Flags, Layout
+from seatrial.models.vessel.plant_table import Flags, Layout, bound_plant
 from seatrial.models.vessel.table import Vessel
 
 WIDE_MULTIPLE = 5.0  # largest parameter other than inertia, over its nominal size
@@ -243,7 +243,7 @@ class Predictor:
         starts = np.stack([self.course.starts(offset) for offset in offsets], axis=2)
         predicted = np.empty((len(points), *self.course.reached.shape))
         free_run.predict_many(
-            self.plan.structure, self.plan.entries(tables), inverses,
+            bound_plant(self.plan.structure, True), self.plan.entries(tables), inverses,
             self.free.device_parameters(points), self.course, starts,
             self.integrator == "euler", predicted,
         )  # fmt: skip
@@ -281,7 +281,7 @@ class Predictor:
         errors = np.empty((len(points), len(self.spread)))
         limited = np.empty(len(points))
         free_run.prediction_errors(
-            self.plan.structure, self.plan.entries(tables), inverse,
+            bound_plant(self.plan.structure, True), self.plan.entries(tables), inverse,
             self.free.device_parameters(points), self.course, self.integrator == "euler",
             free_run.METRICS.index(metric), errors, limited,
         )  # fmt: skip

@@ -24,6 +24,8 @@ from seatrial.models.simulation.registry import (
     CONTROLLERS,
     Parameters,
     State,
+    bound_controller,
+    bound_guidance,
     control_step,
     guide_step,
     reference_step,
@@ -33,7 +35,7 @@ from seatrial.models.vessel.allocation import ALLOCATIONS, DeviceAllocation, Dir
 from seatrial.models.vessel.basis import Array
 from seatrial.models.vessel.kinematics import reference_in_body_kernel
 from seatrial.models.vessel.parameters import Plant
-from seatrial.models.vessel.plant_table import PlantTable
+from seatrial.models.vessel.plant_table import PlantTable, bound_plant
 from seatrial.models.vessel.pose import Kinematics, kinematics_of, pose_of, state_of
 from seatrial.models.vessel.thruster import LagTable, input_lag, lag_table
 from seatrial.models.weather.weather import Weather
@@ -177,13 +179,14 @@ def sail(
     pose = state_of(kinematics, np.asarray(start, dtype=np.float64))
     log.eta[:1] = start  # angles are unwrapped from here
     sharing = Direct() if plant.allocation is None else plant.allocation.table(plant.vessel.dofs)
-    before = (
-        kinematics, _lag(plant, 0.5 * h), sharing, weather,
-        *guidance, plant.planar, reference_filter, reference,
-    )  # fmt: skip
     craft = (*_vessel_state(plant, pose, start_nu, added), h, substeps, plant.integrator == "euler")
     steps = CONTROLLERS[type(controller[0])], ALLOCATIONS[type(sharing)]
     loop, edges = _loop(steps, plant, watch, n, period_s)
+    guide, guide_state, table = bound_guidance(*guidance, reference_filter)
+    before = (
+        kinematics, _lag(plant, 0.5 * h), sharing, weather, guide, guide_state, plant.planar, table,
+        reference,
+    )  # fmt: skip
     times = _run_blocks(loop, edges, plant, watch, controller, before, craft, log, period_s)
     return Voyage(
         period_s * np.arange(n, dtype=np.float64), log, plant.vessel.dofs, weather,
@@ -229,12 +232,15 @@ def _run_blocks(
     parameters, state = controller
     times: list[float] = []
     for first, last in pairwise(edges):
-        table = plant.at(first * period_s).plant_table()
+        table = bound_plant(plant.at(first * period_s).plant_table())
         if watch is not None and first > 0 and first % watch.every == 0:
             parameters = watch.look(first, log, parameters, state)
         work = scratch(len(table.codes), log.nu.shape[1], len(craft[2]))
+        control = parameters, state
+        if loop is _sail:
+            control = bound_controller(*control)
         start_time = perf_counter()
-        rows = loop(first, last, table, *before, parameters, state, *craft, work, log)
+        rows = loop(first, last, table, *before, *control, *craft, work, log)
         if rows < last:
             raise _diverged(plant, log, rows, period_s)
         times.append((perf_counter() - start_time) / max(last - first, 1))

@@ -2,15 +2,19 @@
 
 The loop does not depend on any controller, guidance law or reference model. Each of them registers
 its compiled step for its own named tuple of parameters (`CONTROLLERS`, `GUIDANCE`, `REFERENCES`).
-The loop is compiled with these steps, or runs in Python if a step cannot be compiled.
+The compiled loop calls these steps through an address (`seatrial.models.bound`); it runs in Python
+if a step cannot be compiled.
 """
 
 from collections.abc import Callable
 from typing import Any, NamedTuple, TypeAlias
 
+import numpy as np
+from numba import types
 from numba.extending import overload
 
-from seatrial.models.compiled import LEAN, lean_kernel, tuple_of
+from seatrial.models.bound import ROW, TABLE, Bound, binder, bound, caller, is_lean
+from seatrial.models.compiled import LEAN, kernel, lean_kernel, tuple_of
 from seatrial.models.vessel.basis import Array
 
 Parameters: TypeAlias = Any  # the named tuple that a step is registered for; compiled by its type
@@ -18,6 +22,7 @@ State: TypeAlias = Any  # state of a step: an array, or a named tuple of arrays
 CONTROLLERS: dict[type, Callable[..., None]] = {}
 GUIDANCE: dict[type, Callable[..., None]] = {}
 REFERENCES: dict[type, Callable[..., None]] = {}
+NO_STATE = np.zeros(0)
 
 
 class FilterTable(NamedTuple):
@@ -88,6 +93,69 @@ def _reference_step(table: Parameters, state: State, setpoint: Array) -> Callabl
         step(table, state, setpoint)
 
     return kernel
+
+
+_CONTROLLER, _GUIDANCE, _REFERENCE = [ROW] * 7, (types.int64, ROW, ROW), (TABLE, ROW)
+_call_controller, _controller = caller(*_CONTROLLER), binder(control_step, *_CONTROLLER)
+_call_guidance, _guidance = caller(*_GUIDANCE), binder(guide_step, *_GUIDANCE)
+_call_reference, _reference = caller(*_REFERENCE), binder(reference_step, *_REFERENCE)
+
+
+@lean_kernel
+def _bound_control_step(
+    parameters: Bound, state: State, eta: Array, nu: Array, eta_d: Array, nu_d: Array,
+    nu_dot_d: Array, tau: Array, tau_fb: Array,
+) -> None:  # fmt: skip
+    arguments = eta, nu, eta_d, nu_d, nu_dot_d, tau, tau_fb
+    _call_controller(parameters.address, parameters.memory, arguments)
+
+
+@lean_kernel
+def _bound_guide_step(parameters: Bound, state: State, k: int, eta: Array, setpoint: Array) -> None:
+    _call_guidance(parameters.address, parameters.memory, (k, eta, setpoint))
+
+
+@lean_kernel
+def _bound_reference_step(table: Bound, state: Array, setpoint: Array) -> None:
+    _call_reference(table.address, table.memory, (state, setpoint))
+
+
+CONTROLLERS[Bound] = _bound_control_step
+GUIDANCE[Bound] = _bound_guide_step
+REFERENCES[Bound] = _bound_reference_step
+
+
+@kernel
+def _bind_controller(memory: Array, parts: Any) -> int:
+    return _controller(memory, parts)  # type: ignore[no-any-return]
+
+
+@kernel
+def _bind_guidance(memory: Array, parts: Any) -> int:
+    return _guidance(memory, parts)  # type: ignore[no-any-return]
+
+
+@kernel
+def _bind_reference(memory: Array, parts: Any) -> int:
+    return _reference(memory, parts)  # type: ignore[no-any-return]
+
+
+def bound_controller(parameters: Parameters, state: State) -> tuple[Parameters, State]:
+    """What compiled code takes as parameters and state of a controller; see `bound`."""
+    if not is_lean(CONTROLLERS[type(parameters)]):
+        return parameters, state
+    return bound(_bind_controller, parameters, state), NO_STATE
+
+
+def bound_guidance(
+    parameters: Parameters, state: State, table: Parameters
+) -> tuple[Parameters, State, Parameters]:
+    """What compiled code takes as parameters and state of guidance, and as reference model."""
+    if is_lean(GUIDANCE[type(parameters)]):
+        parameters, state = bound(_bind_guidance, parameters, state), NO_STATE
+    if is_lean(REFERENCES[type(table)]):
+        table = bound(_bind_reference, table)
+    return parameters, state, table
 
 
 @lean_kernel

@@ -24,7 +24,13 @@ from seatrial.models.vessel.basis import (
     Codes,
     Term,
 )
-from seatrial.models.vessel.devices.device import NO_DEVICES, Installed, Structure
+from seatrial.models.vessel.devices.device import (
+    NO_DEVICES,
+    BoundDevices,
+    Installed,
+    Structure,
+    bound_devices,
+)
 
 Flags = NDArray[np.bool_]
 
@@ -46,8 +52,13 @@ class PlantTable(NamedTuple):
     sideslip: bool  # whether terms or devices use the angle beta
     inputs: Codes  # (n_inputs,) variables that are the inputs; empty if forces are commanded
     axes: Codes  # (n_dof,) degrees of freedom among the six
-    devices: tuple[Structure, ...]  # compiled for their types
+    devices: tuple[Structure, ...] | BoundDevices
     parameters: Array  # of the devices
+
+
+def bound_plant(plant: PlantTable, of_packs: bool = False) -> PlantTable:
+    """The table in the form that is the same for all devices, for numbers or for packs."""
+    return plant._replace(devices=bound_devices(plant.devices, of_packs))
 
 
 @dataclass(frozen=True, eq=False)

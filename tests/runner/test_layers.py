@@ -10,7 +10,7 @@ from docs.house import ROOT, House, imports
 # From the ground up; a file is on the floor of the longest name that it lies in.
 FLOORS = (
     *("models.errors", "models.diagnostics", "models.returned", "models.ranges"),
-    *("models.source_digest", "models.compiled", "models.elementary"),
+    *("models.source_digest", "models.compiled", "models.bound", "models.elementary"),
     *("models.packs", "models.symbols"),
     *("models.notation", "models.vessel", "models.recording", "models.planning"),
     *("models.weather", "models.simulation", "models.excitation", "models.identification"),

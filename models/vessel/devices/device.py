@@ -4,8 +4,8 @@ A device gives forces and moments on the hull from the inputs and the motion thr
 which are variables of the basis. Its options are physical parameters with names, units and bounds.
 The kernels read them from one array for all devices, so that an identifier can change them; the
 structure of a device, such as the indices of its inputs, is a named tuple for which its step is
-registered in `DEVICES`. The equation of motion is compiled for the devices of the vessel, in the
-order in which they are configured.
+registered in `DEVICES`. The equation of motion calls these steps through their addresses
+(`seatrial.models.bound`), in the order in which the devices are configured.
 
 A rudder or fin lies in the flow that a propeller leaves. A propeller therefore writes this flow to
 its place in `wake`: the velocity that reaches it and the velocity far behind it [m/s], along the
@@ -16,13 +16,17 @@ import math
 from abc import ABC, abstractmethod
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, fields
-from typing import Any, ClassVar, NamedTuple, TypeAlias
+from functools import cache
+from typing import Any, ClassVar, NamedTuple, TypeAlias, cast
 
 import numpy as np
 from numba.extending import overload
+from numpy.typing import NDArray
 
-from seatrial.models.compiled import LEAN, kernel, tuple_of
+from seatrial.models.bound import MEMORY, ROW, binder, bound, caller
+from seatrial.models.compiled import LEAN, is_compiled, kernel, tuple_of
 from seatrial.models.errors import ConfigurationError
+from seatrial.models.packs import PACKS
 from seatrial.models.ranges import check_ranges
 from seatrial.models.vessel.basis import INDEX, INPUTS, N_VARIABLES, Array
 
@@ -175,7 +179,7 @@ NO_DEVICES = installed({})
 def exert(
     structures: tuple[Structure, ...], parameters: Array, z: Array, wake: Array, force: Array
 ) -> None:
-    """Add the forces of devices to `force` (6,) [N, Nm].
+    """Add the forces of devices to `force` (6,) [N, Nm]; `structures` may be `BoundDevices`.
 
     `z` are the variables and their magnitudes, shape (2 N_VARIABLES,), `parameters` those of all
     devices, and `wake` (WAKE * MOST,) is work space.
@@ -184,29 +188,75 @@ def exert(
         DEVICES[type(structure)](structure, parameters, z, wake, force)
 
 
+class BoundDevices(NamedTuple):
+    """Devices whose steps are called through their addresses; of one type for all vessels."""
+
+    addresses: NDArray[np.int64]  # (n,)
+    memory: NDArray[np.uint8]  # (n, MEMORY) their structures
+
+
 @overload(exert, jit_options=LEAN)
 def _exert(
-    structures: tuple[Structure, ...], parameters: Array, z: Array, wake: Array, force: Array
+    structures: Any, parameters: Array, z: Array, wake: Array, force: Array
 ) -> Callable[..., None]:
-    members: Any = structures
+    members, kind = cast(Any, structures), cast(Any, z)
+    if getattr(members, "instance_class", None) is BoundDevices:
+        call: Any = {ROW: _call_device, PACKS: _call_device_of_packs}[kind]
+
+        def call_each(
+            structures: Any, parameters: Array, z: Array, wake: Array, force: Array
+        ) -> None:
+            for i in range(structures.addresses.shape[0]):
+                call(structures.addresses[i], structures.memory[i], (parameters, z, wake, force))
+
+        return call_each
     if len(members) == 0:
 
         def nothing(
-            structures: tuple[Structure, ...], parameters: Array, z: Array, wake: Array,
-            force: Array,
-        ) -> None:  # fmt: skip
+            structures: Any, parameters: Array, z: Array, wake: Array, force: Array
+        ) -> None:
             pass
 
         return nothing
     step = DEVICES[tuple_of(members[0])]
 
-    def apply(
-        structures: tuple[Structure, ...], parameters: Array, z: Array, wake: Array, force: Array
-    ) -> None:
+    def apply(structures: Any, parameters: Array, z: Array, wake: Array, force: Array) -> None:
         step(structures[0], parameters, z, wake, force)
         exert(structures[1:], parameters, z, wake, force)
 
     return apply
+
+
+_call_device, _device = caller(*[ROW] * 4), binder(exert, *[ROW] * 4)
+_call_device_of_packs, _device_of_packs = caller(*[PACKS] * 4), binder(exert, *[PACKS] * 4)
+
+
+@kernel
+def _bind_device(memory: Array, parts: Any) -> int:
+    return _device(memory, parts)  # type: ignore[no-any-return]
+
+
+@kernel
+def _bind_device_of_packs(memory: Array, parts: Any) -> int:
+    return _device_of_packs(memory, parts)  # type: ignore[no-any-return]
+
+
+@cache
+def _bound_devices(kinds: tuple[type, ...], rows: tuple[Structure, ...], of_packs: bool) -> Any:
+    bind = _bind_device_of_packs if of_packs else _bind_device
+    each = [bound(bind, (row,)) for row in rows]
+    memory = np.array([one.memory for one in each], np.uint8).reshape(-1, MEMORY)
+    return BoundDevices(np.array([one.address for one in each], np.int64), memory)
+
+
+def bound_devices(structures: tuple[Structure, ...], of_packs: bool = False) -> Any:
+    """Devices in the form that is the same for all of them, for arrays of numbers or of packs.
+
+    As they are if numba is disabled.
+    """
+    if not is_compiled(_sample_forces):
+        return structures
+    return _bound_devices(tuple(map(type, structures)), structures, of_packs)
 
 
 @kernel
@@ -223,7 +273,8 @@ def _sample_forces(
 def device_forces(devices: Installed, x: Array) -> Array:
     """Forces of devices [N, Nm], shape (N, 6), for variables x, shape (N, N_VARIABLES)."""
     forces = np.zeros((len(x), FORCES))
-    _sample_forces(devices.structures, devices.parameters, np.ascontiguousarray(x), forces)
+    structures = bound_devices(devices.structures)
+    _sample_forces(structures, devices.parameters, np.ascontiguousarray(x), forces)
     return forces
 
 
