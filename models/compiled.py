@@ -10,8 +10,9 @@ code with that of another signature.
 Only what Python calls becomes machine code. A kernel that another kernel calls is linked into that
 one as it was translated, and the whole is optimised once (`_Fragment`). numba itself would
 optimise, compile and wrap every callee, although it is inlined into its callers. Because this
-depends on undocumented parts of numba, its version is capped in `pyproject.toml`. Fragments are in
-the cache folder as well: another vessel or controller needs most of them again.
+depends on undocumented parts of numba, its version is capped in `pyproject.toml`. Fragments are not
+kept: another vessel or controller needs few of them again, since loops call its steps through an
+address (`bound`).
 """
 
 # mypy: disallow-untyped-calls=False
@@ -31,17 +32,24 @@ from types import FunctionType
 from typing import Any, TypeVar, cast
 
 import numba
-from llvmlite.binding import parse_bitcode  # type: ignore[import-untyped]
 from numba.core import config
 from numba.core.caching import NullCache
 from numba.core.codegen import JITCodeLibrary
-from numba.core.compiler import Compiler, CompileResult, compile_result
+from numba.core.compiler import Compiler, CompileResult
 from numba.core.dispatcher import Dispatcher
 from numba.core.environment import lookup_environment
 from numba.core.registry import CPUDispatcher
 from numba.core.runtime.nrt import rtsys
 from numba.core.serialize import dumps
-from numba.core.types import BaseNamedTuple, BaseTuple, NamedTuple, NamedUniTuple, Type
+from numba.core.types import (
+    BaseNamedTuple,
+    BaseTuple,
+    NamedTuple,
+    NamedUniTuple,
+    Tuple,
+    Type,
+    UniTuple,
+)
 
 from seatrial.models.source_digest import (
     MODELS_FOLDER,
@@ -80,8 +88,6 @@ def _folder_name() -> str:
 class _Cache(NullCache):
     """The machine code of one kernel in the cache folder: a file for each signature."""
 
-    called_from_python = True  # announced, and its time is kept
-
     def __init__(self, function: FunctionType, options: dict[str, bool]) -> None:
         self._function, self._options = function, options
         self._name = f"{function.__module__}.{function.__qualname__}"
@@ -97,26 +103,26 @@ class _Cache(NullCache):
             payload = pickle.loads(self._file(sig, target_context.codegen()).read_bytes())
         except (OSError, EOFError, pickle.UnpicklingError):
             self._started[sig] = perf_counter()
-            if self.called_from_python:
-                _announce(self._name)
+            _announce(self._label(sig))
             return None
-        return self._unpack(target_context, *payload)
+        return CompileResult._rebuild(target_context, *payload)
 
     def save_overload(self, sig: Signature, cres: Any) -> None:
         """Write the code, unless the sources have changed since the folder was named."""
         seconds = round(perf_counter() - self._started.pop(sig), 1)
         with suppress(OSError):  # a full disk only makes the next start slower
             if not cres.library.has_dynamic_globals and _folder_name() == cache_folder().name:
-                replace_file(self._file(sig, cres.codegen), dumps(self._pack(cres)))
-                if self.called_from_python:
-                    times = _times() | {self._name: seconds}
-                    replace_file(cache_home() / TIMES, json.dumps(times).encode())
+                replace_file(self._file(sig, cres.codegen), dumps(cres._reduce()))
+                times = _times() | {self._label(sig): seconds}
+                replace_file(cache_home() / TIMES, json.dumps(times).encode())
 
-    def _pack(self, cres: Any) -> Any:
-        return cres._reduce()
-
-    def _unpack(self, target_context: Any, *payload: Any) -> Any:
-        return CompileResult._rebuild(target_context, *payload)
+    def _label(self, sig: Signature) -> str:
+        """The name of the kernel, and of the parameters in a tuple, see `bound`."""
+        parts: Any = sig[-1:]
+        while type(parts) in (tuple, Tuple, UniTuple) and len(parts):
+            parts = parts[0]
+        named = isinstance(parts, BaseNamedTuple) and parts not in sig
+        return f"{self._name} of {tuple_of(parts).__name__}" if named else self._name
 
     def _file(self, sig: Signature, codegen: Any) -> Path:
         """The file of a signature; raises OSError for a function that is not in a file."""
@@ -131,8 +137,7 @@ class _Cache(NullCache):
         )  # fmt: skip
         digest = hashlib.sha256(repr(depends_on).encode()).hexdigest()
         name = name.replace("<", "").replace(">", "")
-        suffix = "nbc" if self.called_from_python else "bc"  # machine code; LLVM's bitcode
-        return cache_folder() / f"{name}-{digest[:32]}.{suffix}"
+        return cache_folder() / f"{name}-{digest[:32]}.nbc"
 
 
 def _text_of(kind: Type) -> str:
@@ -198,41 +203,6 @@ class _Fragment(JITCodeLibrary):
         """Do nothing: `_OuterCompiler` sets the environments of everything it has linked."""
 
 
-class _FragmentCache(_Cache):
-    """The fragments of one kernel in the cache folder: a file for each signature."""
-
-    called_from_python = False
-
-    def _pack(self, cres: Any) -> Any:
-        """The fragment, in which only the function itself is visible to what it is linked into.
-
-        The callees keep to themselves, since two of different processes may have the same name.
-        """
-        module = cres.library._final_module.clone()
-        for function in module.functions:
-            if not function.is_declaration and function.name != cres.fndesc.mangled_name:
-                function.linkage = "internal"
-        cres.fndesc.typemap = cres.fndesc.calltypes = None  # large, and of no more use
-        return (
-            module.as_bitcode(), cres.fndesc, cres.environment, cres.signature, cres.reload_init,
-            cres._find_referenced_environments(),
-        )  # fmt: skip
-
-    def _unpack(self, target_context: Any, *payload: Any) -> Any:
-        bitcode, fndesc, environment, signature, reload_init, environments = payload
-        for initialise in reload_init:
-            initialise()
-        library = _Fragment(target_context.codegen(), "fragment")
-        library._final_module = parse_bitcode(bitcode)
-        library._finalized = True
-        return compile_result(
-            typing_context=target_context.typing_context, target_context=target_context,
-            entry_point=target_context.get_executable(library, fndesc, environment),
-            signature=signature, objectmode=False, fndesc=fndesc, library=library,
-            environment=environment, reload_init=reload_init, referenced_envs=environments,
-        )  # fmt: skip
-
-
 class _InnerCompiler(Compiler):
     """Compiles a function that is called by a kernel to a fragment."""
 
@@ -288,8 +258,6 @@ def kernel(function: F, **options: bool) -> F:
     targetoptions = {"nopython": True, "error_model": "numpy", "boundscheck": None, **options}
     compiled: Any = _Kernel(function, targetoptions=targetoptions)
     compiled._cache = _Cache(cast(FunctionType, function), options)
-    if not cast(FunctionType, function).__closure__:  # LLVM links by name, which has no cells in it
-        compiled._inner._cache = _FragmentCache(cast(FunctionType, function), options)
     return cast(F, compiled)
 
 

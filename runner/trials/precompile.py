@@ -33,12 +33,10 @@ else:
 
 OWN = "seatrial.models."  # parts from elsewhere and other programs are run by workers only
 SAMPLES = 2000  # of each recording, enough for every identifier
-# What a simulation or an identification is compiled for.
+# What a simulation or an identification is compiled for; loops are not for what they call.
 TOGETHER = (
-    ("vessel", "disturbance"),
-    ("vessel", "excitation", "controller"),
+    *(("vessel", "disturbance"), ("vessel", "excitation"), ("vessel", "evaluation")),
     ("vessel", "identifier", "controller"),
-    ("vessel", "evaluation", "controller"),
 )
 
 
