@@ -28,6 +28,7 @@ from seatrial.models.recording.signals import (
     ABOVE_FLOOR,
     NEGLIGIBLE_NOISE,
     SEGMENT,
+    cross_density,
     noise_band,
     noise_floor,
 )
@@ -52,16 +53,17 @@ def derivative_response(
     explains at the frequencies at which the velocity is noise.
     """
     length = min(max(len(velocity) // PERIODOGRAMS, 2), SEGMENT)
-    args = {"fs": 1.0 / period_s, "nperseg": length}
-    frequency, own = scipy.signal.welch(velocity, **args)
-    _, other = scipy.signal.welch(acceleration, **args)
-    _, cross = scipy.signal.csd(velocity, acceleration, **args)
-    floor = np.median(own[noise_band(frequency, 0.5 / period_s)])
-    noise = own < ABOVE_FLOOR * floor
-    explained = np.sum(np.abs(cross[noise]) ** 2 / own[noise])
-    if not explained > EXPLAINED * np.sum(other[noise]):
+    pairs = (velocity, velocity), (acceleration, acceleration), (velocity, acceleration)
+    (frequency, own), (_, other), (_, cross) = (
+        cross_density(*pair, period_s, length) for pair in pairs
+    )
+    power = np.real(own)
+    floor = np.median(power[noise_band(frequency, 0.5 / period_s)])
+    noise = power < ABOVE_FLOOR * floor
+    explained = np.sum(np.abs(cross[noise]) ** 2 / power[noise])
+    if not explained > EXPLAINED * np.sum(np.real(other[noise])):
         return None
-    return frequency, np.imag(cross) / own
+    return frequency, np.imag(cross) / power
 
 
 def noise_like(recording: Recording, rng: np.random.Generator) -> tuple[Array, Array]:

@@ -7,8 +7,8 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
-import scipy
 
+from seatrial.models.compiled import kernel
 from seatrial.models.diagnostics import Diagnostic
 from seatrial.models.vessel.basis import Array
 
@@ -60,4 +60,13 @@ def gauss_markov(shape: tuple[int, ...], period_s: float, rng: np.random.Generat
     phi = np.exp(-period_s / CORRELATION_S)
     white = rng.standard_normal(shape)
     white[1:] *= np.sqrt(1.0 - phi**2)
-    return np.asarray(scipy.signal.lfilter([1.0], [1.0, -phi], white, axis=0))
+    _recur(float(phi), white)
+    return np.asarray(white)
+
+
+@kernel
+def _recur(phi: float, path: Array) -> None:
+    """a_k += phi a_(k-1), in place; path (N, n)."""
+    for k in range(1, path.shape[0]):
+        for i in range(path.shape[1]):
+            path[k, i] += phi * path[k - 1, i]

@@ -111,8 +111,13 @@ def largest_velocities(nu: Array, inertia: Array) -> Array:
 @lru_cache(maxsize=16)
 def _spread(n_dof: int, count: int) -> Array:
     """A low-discrepancy sequence (count, n_dof) between -1 and 1, of Halton (1960)."""
-    halton = scipy.stats.qmc.Halton(n_dof, scramble=False).random(count + 1)[1:]
-    return np.asarray(2.0 * halton - 1.0)
+    halton = np.zeros((count, n_dof))
+    for column, base in zip(halton.T, (2, 3, 5, 7, 11, 13), strict=False):
+        digits, weight = np.arange(1, count + 1), 1.0 / base
+        while np.any(digits):
+            column += weight * (digits % base)
+            digits, weight = digits // base, weight / base
+    return 2.0 * halton - 1.0
 
 
 class Rays(NamedTuple):

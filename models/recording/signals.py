@@ -134,10 +134,8 @@ def noise_floor(signals: Array, starts: NDArray[np.bool_], period_s: float) -> N
     edges = np.append(np.flatnonzero(starts), len(signals))
     longest = int(np.argmax(np.diff(edges)))
     piece = signals[edges[longest] : edges[longest + 1]]
-    frequency, density = scipy.signal.welch(
-        piece, 1.0 / period_s, nperseg=min(len(piece), SEGMENT), axis=0
-    )
-    nyquist = 0.5 / period_s
+    frequency, cross = cross_density(piece, piece, period_s, min(len(piece), SEGMENT))
+    density, nyquist = np.real(cross), 0.5 / period_s
     floor = np.median(density[noise_band(frequency, nyquist)], axis=0)
     noise, variance = floor * nyquist, np.var(piece, axis=0)
     share = np.divide(noise, variance, out=np.zeros_like(noise), where=variance > 0.0)
@@ -148,6 +146,30 @@ def noise_floor(signals: Array, starts: NDArray[np.bool_], period_s: float) -> N
     lowest = frequency[1] if len(frequency) > 1 else nyquist
     cutoff = max(*cutoffs, lowest) if cutoffs else None
     return NoiseFloor(np.sqrt(noise), np.minimum(share, 1.0), cutoff)
+
+
+def cross_density(
+    x: Array, y: Array, period_s: float, length: int
+) -> tuple[Array, NDArray[np.complex128]]:
+    """Frequencies [Hz] and one-sided cross-density of x and y (N, ...), as scipy.signal.csd.
+
+    Welch's mean over segments of `length` samples by Hann's window, each half over the one before,
+    without their own means. (The import of scipy.signal takes longer than most fits.)
+    """
+    phase = np.linspace(-np.pi, np.pi, length + 1)[:-1]
+    window = 0.5 + 0.5 * np.cos(phase) if length > 1 else np.ones(1)
+    starts = range(0, len(x) - length + 1, length - length // 2)
+
+    def spectra(values: Array) -> NDArray[np.complex128]:
+        segments = np.stack([values[first : first + length] for first in starts], axis=-1)
+        segments -= np.mean(segments, axis=0)
+        return np.fft.rfft((window * segments.T).T, axis=0)
+
+    first = spectra(x)
+    density = np.mean(np.conj(first) * (first if y is x else spectra(y)), axis=-1)
+    density *= period_s / np.sum(window**2)
+    density[1 : (length + 1) // 2] *= 2.0  # for the negative frequencies
+    return np.asarray(np.fft.rfftfreq(length, period_s)), density
 
 
 def noise_band(frequency: Array, nyquist: float) -> NDArray[np.bool_]:
