@@ -19,8 +19,8 @@ from seatrial.runner.database.engine import Address, file_url
 from seatrial.runner.database.records import RunSummary
 from seatrial.runner.database.views import run_overview
 from seatrial.runner.record.catalogue import definition_of
-from seatrial.runner.record.rows import Metric
-from seatrial.runner.record.vocabulary import DOF_ORDER, GROUPS, NOT_STARTED, SAILED, STATUSES
+from seatrial.runner.record.rows import headlines
+from seatrial.runner.record.vocabulary import GROUPS, NOT_STARTED, SAILED, STATUSES
 
 RUN_COLUMNS = (
     *("run_id", "status", *GROUPS, "seed", "sweep", "tags", "attempt", "superseded"),
@@ -48,12 +48,6 @@ SHOWN = (  # diagnostics: uncertainty, what the excitation tells apart, columns 
     *("model_error", "no_model_error", "no_band", "tracking_", "no_tracking"),
     *("regressor_", "spectral_lines", "inseparable_terms", "statistic_"),
 )
-# The metrics of a trial that matter, and how many lines of them are shown; docking comes first.
-HEADLINES = (
-    *("contacts", "smallest_clearance", "time_to_berth", "final_position_error"),
-    *("final_heading_error", "e_pos_mae", "e_psi_mae", "velocity_rmse_restarts"),
-)
-MOST_HEADLINES = 5
 DATABASE = re.compile(r"[+~]*database(\.url)?=")
 
 
@@ -107,14 +101,6 @@ def not_started(results: Queries, condition: Condition) -> TextTable:
         raise ConfigurationError(results.why_none(condition, NOT_STARTED))
     rows: list[list[Scalar]] = [[*row] for row in chosen.itertuples(index=False)]
     return grid_of("", ["sweep", *names[1:]], rows, len(names))
-
-
-def headlines(stored: Sequence[Metric]) -> list[list[Metric | None]]:
-    """Return the stored metrics of a trial that matter, of each of SAILED; None without a row."""
-    numbers = {(row.name, row.dof, row.model): row for row in stored}
-    places = [(name, dof) for name in HEADLINES for dof in DOF_ORDER]
-    pairs = [[numbers.get((*place, model)) for model in SAILED] for place in places]
-    return [pair for pair in pairs if any(pair)][:MOST_HEADLINES]
 
 
 def headline(results: Queries, run_id: int) -> TextTable:

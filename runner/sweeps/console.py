@@ -25,6 +25,7 @@ from seatrial.runner.configuration.invocation import DEFAULT_DATABASE, results_p
 from seatrial.runner.configuration.vessel_options import SUITED_GROUPS
 from seatrial.runner.database.terminal import error_line
 from seatrial.runner.record.catalogue import definition_of
+from seatrial.runner.record.rows import HEADLINES, headlines
 from seatrial.runner.record.vocabulary import COMBINED, ENDINGS, GROUPS, SAILED
 
 if TYPE_CHECKING:
@@ -96,7 +97,7 @@ def sweep_table(url: str, sweep_id: int, factors: Sequence[str]) -> list[str]:
     columns = ",".join(factors[1:]) or "none"
     width = shutil.get_terminal_size().columns if sys.stdout.isatty() else None
     with comparison.frame.open_results(url) as results:
-        for name in (each for each in comparison.runs.HEADLINES if each in results.metric_names()):
+        for name in (each for each in HEADLINES if each in results.metric_names()):
             options = comparison.cli.TableOptions(
                 rows=factors[0], columns=columns, metric=[name], sweep=str(sweep_id)
             )
@@ -143,7 +144,7 @@ def result_of(run: int | None, url: str) -> list[str]:
     with database.LogbookReader.read(url) as logbook:
         metrics = logbook.metrics(run)
     rows: list[tuple[str, ...]] = [("", *SAILED)]
-    for pair in comparison.runs.headlines(metrics):
+    for pair in headlines(metrics):
         one = next(row for row in pair if row)
         finest, where = definition_of(one.name), "" if one.dof in COMBINED else f", {one.dof}"
         numbers = ["-"] * len(SAILED)
