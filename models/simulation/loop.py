@@ -93,7 +93,7 @@ def _hold(k: int, tau: Array, tau_fb: Array, held: Array) -> None:
 def _sail(
     first: int, last: int, plant: PlantTable, kinematics: Kinematics, lag: LagTable,
     allocation: NamedTuple, weather: Weather, guidance: Parameters, guidance_state: Array,
-    planar: bool, table: Parameters, reference: Array, controller: Parameters,
+    table: Parameters, planar: bool, reference: Array, controller: Parameters,
     controller_state: State, added: Array, thrust: Array, eta: Array, nu: Array, limits: Array,
     h: float, substeps: int, euler: bool, work: Scratch, log: Log,
 ) -> int:  # fmt: skip
@@ -182,10 +182,9 @@ def sail(
     craft = (*_vessel_state(plant, pose, start_nu, added), h, substeps, plant.integrator == "euler")
     steps = CONTROLLERS[type(controller[0])], ALLOCATIONS[type(sharing)]
     loop, edges = _loop(steps, plant, watch, n, period_s)
-    guide, guide_state, table = bound_guidance(*guidance, reference_filter)
     before = (
-        kinematics, _lag(plant, 0.5 * h), sharing, weather, guide, guide_state, plant.planar, table,
-        reference,
+        kinematics, _lag(plant, 0.5 * h), sharing, weather,
+        *bound_guidance(*guidance, reference_filter), plant.planar, reference,
     )  # fmt: skip
     times = _run_blocks(loop, edges, plant, watch, controller, before, craft, log, period_s)
     return Voyage(
