@@ -243,7 +243,7 @@ def test_help(stated: Callable[..., None]) -> None:
             for name, s in each.items()
         }
 
-    stated(work, item="8", what="start-up")
+    stated(work, item="8c", what="start-up")
 
 
 def _wall_s(arguments: tuple[str, ...]) -> float:
