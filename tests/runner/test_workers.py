@@ -194,6 +194,6 @@ def test_workers_on_an_empty_cache_compile_nothing(tmp_path: Path) -> None:
     assert "4 finished" in out
     assert err.count("compiling simulation.loop._sail (first time on this machine)") == 1
     compilations = [line.split() for line in (tmp_path / "notes").read_text().splitlines()]
-    assert len(compilations) > 20
+    assert len(compilations) > 5
     assert {pid for pid, _ in compilations} == {str(process.pid)}
     assert len({file for _, file in compilations}) == len(compilations)
