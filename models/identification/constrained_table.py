@@ -53,17 +53,16 @@ def derivative_response(
     explains at the frequencies at which the velocity is noise.
     """
     length = min(max(len(velocity) // PERIODOGRAMS, 2), SEGMENT)
-    pairs = (velocity, velocity), (acceleration, acceleration), (velocity, acceleration)
-    (frequency, own), (_, other), (_, cross) = (
-        cross_density(*pair, period_s, length) for pair in pairs
-    )
-    power = np.real(own)
-    floor = np.median(power[noise_band(frequency, 0.5 / period_s)])
-    noise = power < ABOVE_FLOOR * floor
-    explained = np.sum(np.abs(cross[noise]) ** 2 / power[noise])
-    if not explained > EXPLAINED * np.sum(np.real(other[noise])):
+    both = np.column_stack([velocity, acceleration])
+    frequency, powers = cross_density(both, both, period_s, length)
+    cross = cross_density(velocity, acceleration, period_s, length)[1]
+    own, other = np.real(powers).T
+    floor = np.median(own[noise_band(frequency, 0.5 / period_s)])
+    noise = own < ABOVE_FLOOR * floor
+    explained = np.sum(np.abs(cross[noise]) ** 2 / own[noise])
+    if not explained > EXPLAINED * np.sum(other[noise]):
         return None
-    return frequency, np.imag(cross) / power
+    return frequency, np.imag(cross) / own
 
 
 def noise_like(recording: Recording, rng: np.random.Generator) -> tuple[Array, Array]:
@@ -72,8 +71,8 @@ def noise_like(recording: Recording, rng: np.random.Generator) -> tuple[Array, A
     That of a velocity is white, with the density above 0.8 of the Nyquist frequency; that of an
     acceleration too, or, if it was computed from the velocity, the derivative of the velocity's.
     """
-    starts, period = recording.piece_starts, recording.period_s
-    floors = [recording.noise, noise_floor(recording.nu_dot, starts, period)]
+    period = recording.period_s
+    floors = [recording.noise, noise_floor(recording.nu_dot, recording.piece_starts, period)]
     velocity, acceleration = (
         np.where(floor.share > NEGLIGIBLE_NOISE, floor.deviation, 0.0)
         * rng.standard_normal(recording.nu.shape)

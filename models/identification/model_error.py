@@ -7,8 +7,8 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
+import scipy
 
-from seatrial.models.compiled import kernel
 from seatrial.models.diagnostics import Diagnostic
 from seatrial.models.vessel.basis import Array
 
@@ -60,13 +60,5 @@ def gauss_markov(shape: tuple[int, ...], period_s: float, rng: np.random.Generat
     phi = np.exp(-period_s / CORRELATION_S)
     white = rng.standard_normal(shape)
     white[1:] *= np.sqrt(1.0 - phi**2)
-    _recur(float(phi), white)
-    return np.asarray(white)
-
-
-@kernel
-def _recur(phi: float, path: Array) -> None:
-    """a_k += phi a_(k-1), in place; path (N, n)."""
-    for k in range(1, path.shape[0]):
-        for i in range(path.shape[1]):
-            path[k, i] += phi * path[k - 1, i]
+    bands = np.full((2, len(white)), [[1.0], [-phi]])  # a_k - phi a_(k-1) = white_k
+    return np.asarray(scipy.linalg.solve_banded((1, 0), bands, white, overwrite_b=True))

@@ -248,17 +248,15 @@ class ResidualOptions(Identifier):
         self, recording: Recording, nominal: Vessel, lag: SecondOrderLag | None,
         terms: tuple[Term, ...] | None = None,
     ) -> Samples:  # fmt: skip
-        """Regressors and lack of fit of a recording; `terms` are by default those of the options.
+        """Regressors and lack of fit; by default the terms but `dependent_accelerations`.
 
-        Of these `dependent_accelerations` are no regressors.
         Raises IdentificationError for values that are not finite or too few samples.
         """
         smoothing = self.smoothing(recording)
         filtered = self.filtered(recording, lag, smoothing)
-        dependent = list[Term]()
-        if terms is None:
-            terms = self.terms(nominal)
-            dependent = dependent_accelerations(filtered, nominal, terms, self.force)
+        own = self.terms(nominal)
+        dependent = [] if terms else dependent_accelerations(filtered, nominal, own, self.force)
+        terms = terms or own
         parts = evaluated(
             filtered, lambda part: basis.evaluate(terms, part.variables()),
             lambda part: lack_of_fit(part, nominal, self.force),

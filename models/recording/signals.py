@@ -15,6 +15,7 @@ from typing import NamedTuple
 
 import numpy as np
 import scipy
+from numpy.lib.stride_tricks import sliding_window_view
 from numpy.typing import NDArray
 
 from seatrial.models.recording.times import is_later
@@ -156,17 +157,15 @@ def cross_density(
     Welch's mean over segments of `length` samples by Hann's window, each half over the one before,
     without their own means. (The import of scipy.signal takes longer than most fits.)
     """
-    phase = np.linspace(-np.pi, np.pi, length + 1)[:-1]
-    window = 0.5 + 0.5 * np.cos(phase) if length > 1 else np.ones(1)
-    starts = range(0, len(x) - length + 1, length - length // 2)
+    window = np.hanning(length + 1)[:-1] if length > 1 else np.ones(1)
+    step = length - length // 2
 
     def spectra(values: Array) -> NDArray[np.complex128]:
-        segments = np.stack([values[first : first + length] for first in starts], axis=-1)
-        segments -= np.mean(segments, axis=0)
-        return np.fft.rfft((window * segments.T).T, axis=0)
+        parts = sliding_window_view(values, length, axis=0)[::step]
+        return np.fft.rfft(window * (parts - np.mean(parts, axis=-1, keepdims=True)))
 
     first = spectra(x)
-    density = np.mean(np.conj(first) * (first if y is x else spectra(y)), axis=-1)
+    density = np.mean(np.conj(first) * (first if y is x else spectra(y)), axis=0).T
     density *= period_s / np.sum(window**2)
     density[1 : (length + 1) // 2] *= 2.0  # for the negative frequencies
     return np.asarray(np.fft.rfftfreq(length, period_s)), density
