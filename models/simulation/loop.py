@@ -12,7 +12,7 @@ previous command is held, and the log marks it as held.
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from itertools import pairwise
-from time import perf_counter
+from time import thread_time
 from typing import NamedTuple
 
 import numpy as np
@@ -227,7 +227,7 @@ def _run_blocks(
     controller: tuple[Parameters, State], before: tuple[object, ...], craft: Craft,
     log: Log, period_s: float,
 ) -> list[float]:  # fmt: skip
-    """Run the loop between the edges; returns the mean time of a step in each block [s]."""
+    """Run the loop between the edges; returns the mean CPU time of a step in each block [s]."""
     parameters, state = controller
     times: list[float] = []
     for first, last in pairwise(edges):
@@ -238,11 +238,11 @@ def _run_blocks(
         control = parameters, state
         if loop is _sail:
             control = bound_controller(*control)
-        start_time = perf_counter()
+        started_s = thread_time()
         rows = loop(first, last, table, *before, *control, *craft, work, log)
         if rows < last:
             raise _diverged(plant, log, rows, period_s)
-        times.append((perf_counter() - start_time) / max(last - first, 1))
+        times.append((thread_time() - started_s) / max(last - first, 1))
     return times
 
 

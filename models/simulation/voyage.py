@@ -64,8 +64,8 @@ NO_OUTLOOK = Outlook(np.zeros((0, 0)), np.zeros((0, 2)), np.zeros((0, 2)), np.ze
 class Voyage:
     """A simulated voyage: time [s], shape (N,), its log and its weather.
 
-    `step_times` [s] are wall-clock times of one iteration of the loop: for every instant if the
-    controller runs in Python, else means over blocks of the compiled loop. `immediate` are the
+    `step_times` [s] are CPU times of one iteration of the loop: for every instant if the controller
+    runs in Python, else means over blocks of the compiled loop. `immediate` are the
     axes or inputs that follow their command at once.
     """
 

@@ -18,8 +18,7 @@ from seatrial.runner.configuration.invocation import config_folder, quoted, tria
 from seatrial.runner.database.engine import Address, file_url
 from seatrial.runner.database.records import RunSummary
 from seatrial.runner.database.views import run_overview
-from seatrial.runner.record.catalogue import definition_of
-from seatrial.runner.record.rows import headlines
+from seatrial.runner.record.catalogue import definition_of, headlines
 from seatrial.runner.record.vocabulary import GROUPS, NOT_STARTED, SAILED, STATUSES
 
 RUN_COLUMNS = (

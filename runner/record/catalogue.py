@@ -10,18 +10,24 @@ and no value is marked as better.
 
 import csv
 import re
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, Literal
 
 from seatrial.models.notation import DOFS, MEASURES
-from seatrial.runner.record.vocabulary import Stage
+from seatrial.runner.record.vocabulary import DOF_ORDER, SAILED, Stage
 
 Unit = str | Mapping[str, str]
 Better = Literal["lower", "higher"] | float | None
 QUANTITIES = ("pose", "velocity")  # that are predicted, and over which horizons
 HORIZONS = ("one_step", "ten_step", "restarts", "free_run")
+# The metrics of a trial that matter, and how many lines of them are shown; docking comes first.
+HEADLINES = (
+    *("contacts", "smallest_clearance", "time_to_berth", "final_position_error"),
+    *("final_heading_error", "e_pos_mae", "e_psi_mae", "velocity_rmse_restarts"),
+)
+MOST_HEADLINES = 5
 
 
 @dataclass(frozen=True)
@@ -149,3 +155,11 @@ def all_declared() -> tuple[Definition, ...]:
 def definition_of(name: str) -> Definition:
     """Return the definition of a stored metric; for an undeclared one, its name only."""
     return _declared.get(name) or Definition(name, (), "", None, name, "")
+
+
+def headlines(stored: Sequence[Any]) -> list[list[Any]]:
+    """Return the rows (`rows.Metric`) of a trial that matter, of each of SAILED; None without a row."""
+    numbers = {(row.name, row.dof, row.model): row for row in stored}
+    places = [(name, dof) for name in HEADLINES for dof in DOF_ORDER]
+    pairs = [[numbers.get((*place, model)) for model in SAILED] for place in places]
+    return [pair for pair in pairs if any(pair)][:MOST_HEADLINES]

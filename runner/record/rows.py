@@ -12,14 +12,7 @@ from numpy.typing import NDArray
 
 from seatrial.models.diagnostics import Diagnostic
 from seatrial.runner.record.catalogue import declared
-from seatrial.runner.record.vocabulary import DOF_ORDER, SAILED, Stage, Stream
-
-# The metrics of a trial that matter, and how many lines of them are shown; docking comes first.
-HEADLINES = (
-    *("contacts", "smallest_clearance", "time_to_berth", "final_position_error"),
-    *("final_heading_error", "e_pos_mae", "e_psi_mae", "velocity_rmse_restarts"),
-)
-MOST_HEADLINES = 5
+from seatrial.runner.record.vocabulary import Stage, Stream
 
 
 @dataclass(frozen=True)
@@ -121,11 +114,3 @@ def metrics(
             by_dof = dict(zip(dofs, by_dof, strict=True)) if np.ndim(by_dof) else {"all": value}
         rows += [metric(name, stage, model, dof, number) for dof, number in by_dof.items()]
     return rows
-
-
-def headlines(stored: Sequence[Metric]) -> list[list[Metric | None]]:
-    """Return the stored metrics of a trial that matter, of each of SAILED; None without a row."""
-    numbers = {(row.name, row.dof, row.model): row for row in stored}
-    places = [(name, dof) for name in HEADLINES for dof in DOF_ORDER]
-    pairs = [[numbers.get((*place, model)) for model in SAILED] for place in places]
-    return [pair for pair in pairs if any(pair)][:MOST_HEADLINES]

@@ -24,8 +24,7 @@ from seatrial.runner import database
 from seatrial.runner.configuration.invocation import DEFAULT_DATABASE, results_program
 from seatrial.runner.configuration.vessel_options import SUITED_GROUPS
 from seatrial.runner.database.terminal import error_line
-from seatrial.runner.record.catalogue import definition_of
-from seatrial.runner.record.rows import HEADLINES, headlines
+from seatrial.runner.record.catalogue import HEADLINES, definition_of, headlines
 from seatrial.runner.record.vocabulary import COMBINED, ENDINGS, GROUPS, SAILED
 
 if TYPE_CHECKING:
