@@ -158,7 +158,7 @@ def definition_of(name: str) -> Definition:
 
 
 def headlines(stored: Sequence[Any]) -> list[list[Any]]:
-    """Return the rows (`rows.Metric`) of a trial that matter, of each of SAILED; None without a row."""
+    """Return the rows of a trial that matter (`rows.Metric`), of each of SAILED; None: no row."""
     numbers = {(row.name, row.dof, row.model): row for row in stored}
     places = [(name, dof) for name in HEADLINES for dof in DOF_ORDER]
     pairs = [[numbers.get((*place, model)) for model in SAILED] for place in places]
