@@ -40,10 +40,7 @@ _SUPERSEDED = """CASE WHEN EXISTS (
     ) THEN 1 ELSE 0 END"""
 _OVERVIEW = """
 CREATE VIEW run_overview AS
-  SELECT run.id AS run_id, run.sweep_id, sweep.name AS sweep, run.attempt,
-    {status} AS status,
-    {superseded} AS superseded,
-    {choices},
+  SELECT run.id AS run_id, run.sweep_id, sweep.name AS sweep, run.attempt, {trial},
     run.started_at, run.finished_at, run.duration_s,
     (SELECT count(*) FROM metric WHERE metric.run_id = run.id) AS metrics,
     (SELECT count(*) FROM coefficient WHERE coefficient.run_id = run.id) AS coefficients,
@@ -58,11 +55,7 @@ _HEADLINE = """(SELECT value FROM metric WHERE metric.run_id = run.id AND stage 
 _WIDE = """
 CREATE VIEW metric_wide AS
   WITH trial AS MATERIALIZED (
-    SELECT run.id AS run_id, run.sweep_id,
-      {status} AS status,
-      {superseded} AS superseded,
-      {choices}
-    FROM run
+    SELECT run.id AS run_id, run.sweep_id, {trial} FROM run
   )
   SELECT trial.*, wide.stage, wide.model, wide.dof, {names}
   FROM (
@@ -72,10 +65,7 @@ CREATE VIEW metric_wide AS
   ) AS wide JOIN trial ON trial.run_id = wide.run_id"""
 _ERROR = """
 CREATE VIEW coefficient_error AS
-  SELECT run.id AS run_id, run.sweep_id,
-    {status} AS status,
-    {superseded} AS superseded,
-    {choices},
+  SELECT run.id AS run_id, run.sweep_id, {trial},
     coefficient.model, coefficient.dof, coefficient.term, coefficient.value,
     coefficient.std_error, coefficient.true_value,
     coefficient.value - coefficient.true_value AS error,
@@ -132,11 +122,12 @@ run_overview = table(
 @cache
 def statements(dialect: str) -> tuple[str, ...]:
     """Return the CREATE VIEW statements for `sqlite` or `postgresql`."""
+    lost = f"run.status = 'running' AND {stale(dialect).name}"
+    status = f"CASE WHEN {lost} THEN 'interrupted' ELSE run.status END AS status"
+    choices = (f"run.{name}" for name in (*GROUPS, "seed"))
     parts = {
-        "status": f"CASE WHEN run.status = 'running' AND {stale(dialect).name}"
-        " THEN 'interrupted' ELSE run.status END",
+        "trial": ",\n    ".join([status, f"{_SUPERSEDED} AS superseded", *choices]),
         "superseded": _SUPERSEDED,
-        "choices": ", ".join(f"run.{name}" for name in (*GROUPS, "seed")),
         "groups": ", ".join(GROUPS),
         "planned_groups": ", ".join(f"min(choices ->> '{name}') AS {name}" for name in GROUPS),
     }
