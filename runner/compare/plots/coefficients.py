@@ -78,8 +78,8 @@ def _drawing(results: Queries, request: PlotRequest, facet: Facet) -> style.Draw
         named = ", ".join(zero) if len(zero) <= MOST_NAMED else f"{len(zero)} terms"
         notes.append(f"not shown, as the true value is zero: {named}")
     if request.rows in facet.trials:
-        gone = results.trials(facet.condition, [request.rows], planned=True)
-        gone = gone.loc[gone["status"] != FINISHED, request.rows].value_counts(sort=False)
+        gone = facet.trials.loc[facet.trials["status"] != FINISHED, request.rows]
+        gone = gone.value_counts(sort=False)
         lost = ", ".join(f"{count} of {level}" for level, count in gone.items() if count)
         notes += [f"trials that were lost: {lost}"] if lost else []
     title = facet.title(f"Coefficients of the {request.model} model")
