@@ -40,6 +40,7 @@ MARK = '<meta name="generator" content="seatrial-results">'
 MOST_SWEEPS, MOST_FILTERS = 50, 30  # newest sweeps with a page; keys of the configuration
 STRETCHES = 300  # of which a line keeps the lowest and the highest sample
 DIGITS = 5  # significant
+ORDER = {"prediction": 1, "residual": 2, "recording": 3}  # of the figures; those of a mission first
 PROGRAMS = ("elements.js", "plot.js")
 PLOTS = Markup('<div class="figures" id="plots"></div>')
 Json = dict[str, Any]
@@ -193,10 +194,12 @@ def _measures(results: Queries, runs: Sequence[StoredRun]) -> list[Json]:
 def figures_of(results: Queries, run_id: int) -> tuple[Json, list[str]]:
     """Return the lines of a run's figures by key, and the series that cannot be read.
 
-    The lines of a key are one figure: track, errors, velocities with their band, force residuals.
+    The lines of a key are one figure: track, errors, velocities with their band if there is one,
+    force residuals, track of the recording.
     """
     figures, trouble = dict[str, dict[str, Any]](), list[str]()
-    for file in results.reader.series_files(run_id):
+    files = results.reader.series_files(run_id)
+    for file in sorted(files, key=lambda file: ORDER.get(file.kind, 0)):
         try:
             series = results.reader.series(run_id, file.kind)
         except LogbookError as error:
@@ -229,7 +232,8 @@ def _lines(series: Series) -> Iterator[tuple[str, str, tuple[str, str], Json]]:
         names, title = {f"residual_{m}_{dof}": m for m in SAILED}, f"Force residual, {dof}"
         if series.kind == "prediction":
             names = {dof: "measured"} | {f"{dof}_{model}": model for model in SAILED}
-            title = f"Free run, {dof}, with the 90 % band"
+            banded = np.isfinite(columns.get(f"{dof}_{IDENTIFIED_STD}", np.zeros(0))).any()
+            title = f"Free run, {dof}, {'with the' if banded else 'without a'} 90 % band"
         for name, of_model in names.items():
             if name in columns:
                 band = columns.get(f"{dof}_{IDENTIFIED_STD}") if of_model == "identified" else None
