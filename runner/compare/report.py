@@ -161,9 +161,10 @@ class _Report:
 
     def choices(self) -> list[tuple[str, str]]:
         """Every choice with its levels, those with several first; many seeds are a range."""
-        choices = {name: ordered(run.levels[name] for run in self.runs) for name in GROUPS}
+        trials = self.results.trials(self.condition, planned=True)
+        choices = {name: ordered(trials[name]) for name in GROUPS}
         varied = sorted(choices, key=lambda name: len(choices[name]) == 1)
-        seeds = ordered(run.levels["seed"] for run in self.runs)
+        seeds = ordered(trials["seed"])
         many = f"{len(seeds)} seeds, {seeds[0]} to {seeds[-1]}"
         text = many if len(seeds) > 5 else ", ".join(seeds)
         return [*((name, ", ".join(choices[name])) for name in varied), ("seed", text)]
