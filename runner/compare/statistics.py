@@ -298,6 +298,7 @@ def against_baseline(
     """Test each cell against its counterparts in the frame, which have the levels of `baseline`.
 
     Cells of the baseline itself are omitted; a cell without a counterpart has a test without pairs.
+    A cell that lost every trial lost a pair for each seed that the baseline has at its levels.
     """
     factors = (*table.rows, *table.columns)
     named = [name for name in factors if name not in baseline and name not in frames.METRIC_FACTORS]
@@ -305,10 +306,19 @@ def against_baseline(
     own = table.known[~table.known["is_baseline"]]
     both = pd.concat([own, references], ignore_index=True)
     beside, seeds = pairs(both, facts, baseline, named)
-    of_cell, known = dict(iter(beside.groupby("cell"))), seeds.groupby("cell")["replicate"].agg(set)
+    of_cell = dict(iter(beside.groupby("cell")))
+    known = seeds.groupby("cell")["replicate"].agg(set).to_dict()
     lost_seeds = table.lost.groupby("cell")["seed"].agg(set)
+    same = [name for name in (*named, *frames.METRIC_FACTORS) if name not in baseline]
+    if "model" in baseline:  # that depends on no identifier
+        same = [name for name in same if not within(name, ["identifier"])]
+    failed = table.lost[~table.lost["cell"].isin(table.known["cell"])]
+    failed = failed[(failed[[*baseline]].astype(str) != pd.Series(baseline)).any(axis=1)]
+    levels = failed[same].astype(str).assign(cell=failed["cell"]).drop_duplicates()
+    levels = levels.merge(references[[*same, "replicate"]].astype(str), on=same)
+    known |= levels.groupby("cell")["replicate"].agg(set).to_dict()
     tests = {}
-    for number in sorted(own["cell"].unique()):
+    for number in sorted({*own["cell"], *known}):
         pair, of_baseline = of_cell.get(number, beside[:0]), known.get(number, set())
         lost = lost_seeds.get(number, set())  # also those of which another pooled level has a value
         pair = pair[~pair["replicate"].isin(lost)]

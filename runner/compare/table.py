@@ -145,7 +145,8 @@ class _Comparison:
         if apart:
             self.trials = results.trials(condition, [*own, *apart], planned=True)
         new = [name for name in apart if name not in shown]
-        self.apart, self.shown = apart, shown.join(self.trials[new], on="run")
+        self.frame, shown = (own.join(self.trials[new], on="run") for own in (self.frame, shown))
+        self.apart, self.shown = apart, shown
         by_file = "file" in (*rows, *columns, *reference)
         of_number = frames.METRIC_FACTORS if by_file else frames.METRIC_FACTORS[:-1]
         levels = {name: frames.ordered(self.shown[name].unique()) for name in of_number}
@@ -305,18 +306,19 @@ class _Comparison:
 
     def _test_text(self, test: stats.PairedTest, cell: Any) -> str:
         """Return `× 0.5, p 0.031, r 1, won 6/6`."""
+        all_pairs = test.pairs + test.lost_pairs
+        won = "" if test.wins is None else f"won {test.wins}/{all_pairs}"
         if not test.pairs:
-            return "no counterpart"
+            return won if test.lost_pairs else "no counterpart"
         p_value = f"p {test.p_holm:.2g}, r {number_text(test.effect, 2)}"
         if math.isnan(test.p_holm):
             p_value = f"{test.pairs} pair{'s'[: test.pairs != 1]}"
         ratio = "× –" if math.isnan(test.ratio) else f"× {number_text(test.ratio, 3)}"
         if definition_of(cell.metric).score:
             ratio = ("+" if test.difference >= 0.0 else "") + number_text(test.difference, 3)
-        won = "" if test.wins is None else f", won {test.wins}/{test.pairs + test.lost_pairs}"
         of_pairs = test.pairs != cell.n
         own = f" (mean {self._number(test.own_mean)} of the pairs)" if of_pairs else ""
-        return f"{ratio}, {p_value}{won}{own}"
+        return ", ".join(filter(None, (ratio, p_value, won))) + own
 
 
 def _unit(cells: pd.DataFrame) -> str:

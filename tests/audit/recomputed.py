@@ -75,8 +75,9 @@ def table(
     for own in found:
         values, lost = cells[own["row"], own["column"]]
         own["value"] = getattr(values, statistic)() if len(values) else np.nan
-        if baseline and own["row"] != baseline and len(values):
-            own |= _pairs(values, cells.get((baseline, own["column"]), nothing)[0], lost)
+        reference = cells.get((baseline, own["column"]), nothing)[0]
+        if baseline and own["row"] != baseline and (len(values) or (lost and len(reference))):
+            own |= _pairs(values, reference, lost)
     result = pd.DataFrame(found)
     result["p_holm"] = _holm(result.get("p", pd.Series(np.nan, result.index)))
     result["best"] = False

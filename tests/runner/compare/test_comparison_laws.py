@@ -222,3 +222,14 @@ def test_planned_trials_that_never_started_count(logbook: LogbookWriter, results
     for begin in begins[4:]:  # of any sweep
         stored.finish(logbook, begin, [stored.tracking(1.0)], drawn=["noise"])
     assert table(results, sweep="night").rows[0][1].text == "1.000 ± 0 (n=3, all equal)"
+
+
+def test_a_cell_that_lost_every_trial_lost_every_pair(
+    logbook: LogbookWriter, results: Queries
+) -> None:
+    for seed in SEEDS:
+        for name, value in (("none", 1.0 + seed), ("ls", float("nan"))):
+            begin = stored.start(name, "noise", seed)
+            stored.finish(logbook, begin, [stored.tracking(value)], drawn=["noise"])
+    row = record_of(table(results, baseline=["identifier=none"]), identifier="ls")
+    assert (row["wins"], row["pairs"], row["lost_pairs"]) == (0, 0, len(SEEDS))
