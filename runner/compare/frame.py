@@ -335,10 +335,13 @@ class Queries:
     def clauses(self, condition: Condition) -> list[Clause]:
         """Return the SQL of a condition: all clauses must hold."""
         clauses: list[Clause] = []
-        if condition.sweeps:
-            reused = tables.Reuse.sweep_id.in_(condition.sweeps)
-            own = sa.select(RUN.c.id).where(RUN.c.sweep_id.in_(condition.sweeps))
-            clauses.append(RUN.c.id.in_(own.union(sa.select(tables.Reuse.run_id).where(reused))))
+        if condition.sweeps:  # every attempt at its trials: the valid one may be of another sweep
+            planned, reuse = tables.PlannedRow.__table__.c, tables.Reuse
+            reused = sa.select(reuse.run_id).where(reuse.sweep_id.in_(condition.sweeps))
+            own = RUN.c.sweep_id.in_(condition.sweeps) | RUN.c.id.in_(reused)
+            plan = sa.select(planned.fingerprint).where(planned.sweep_id.in_(condition.sweeps))
+            trials = plan.union(sa.select(RUN.c.fingerprint).where(own))
+            clauses.append(RUN.c.fingerprint.in_(trials))
         if condition.runs is not None:
             clauses.append(_one_of(condition.runs))
         return clauses

@@ -117,9 +117,10 @@ def finish(
 
 
 def fail(
-    logbook: LogbookWriter, begin: RunRow, status: Any = "failed", error: str = "broken"
-) -> int:
-    begun = logbook.begin_run(begin)
+    logbook: LogbookWriter, begin: RunRow, status: Any = "failed", error: str = "broken",
+    sweep: int | None = None,
+) -> int:  # fmt: skip
+    begun = logbook.begin_run(begin, sweep)
     assert begun.state == "new"
     logbook.fail_run(begun.run_id, status, "ValueError", error, "Traceback: here\nValueError")
     return begun.run_id

@@ -221,7 +221,20 @@ def test_planned_trials_that_never_started_count(logbook: LogbookWriter, results
     assert table(results).rows[0][1].text == "1.000 ± 0 (n=3, all equal, 2 not started)"
     for begin in begins[4:]:  # of any sweep
         stored.finish(logbook, begin, [stored.tracking(1.0)], drawn=["noise"])
-    assert table(results, sweep="night").rows[0][1].text == "1.000 ± 0 (n=3, all equal)"
+    assert table(results, sweep="night").rows[0][1].text == "1.000 ± 0 (n=5, all equal)"
+
+
+def test_a_trial_that_failed_again_in_a_later_sweep_still_counts(
+    logbook: LogbookWriter, results: Queries
+) -> None:
+    failing = stored.start("ls", "noise", 1)
+    for name in ("first", "again"):
+        sweep = logbook.begin_sweep(name, "command", [], 2)
+        if name == "first":
+            good = stored.start("ls", "noise", 0)
+            stored.finish(logbook, good, [stored.tracking(1.0)], sweep=sweep, drawn=["noise"])
+        stored.fail(logbook, failing, sweep=sweep)
+    assert table(results, sweep="first").rows[0][1].text == "1.000 (n=1, 1 failed)"
 
 
 def test_a_cell_that_lost_every_trial_lost_every_pair(
