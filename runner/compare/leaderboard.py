@@ -164,16 +164,19 @@ class Board:
         """The first entrant of the contest, and those not significantly worse, in order.
 
         Where there are too few cells to tell any by their ranks, after Holm's correction, by a
-        paired bootstrap of the errors, in which who lost a cell differs from who did not.
+        paired bootstrap of the errors, in which who lost a cell differs from who did not. Who lost
+        every cell is no rival, not even of another one.
         """
         (first, *others), cases = self.contest, len(self.contest)
+        scored = np.isfinite(self.losses).any()
         if 0.5 ** (cases - 1) * math.comb(1 + len(others), 2) < SIGNIFICANCE:
             same = alike(self.contest)
-            return [first, *(name for name in others if same.loc[first, name])]
+            return [first, *(name for name in others if same.loc[first, name] and scored[name])]
         cells = self.entries.pivot(index=CELL, columns="entrant", values="score")
         cells = cells.loc[self.losses.index]
         values = holm([benchmark.chance([*cells[first]], [*cells[name]]) for name in others])
-        return [first, *(n for n, p in zip(others, values, strict=True) if p >= SIGNIFICANCE)]
+        each = zip(others, values, strict=True)
+        return [first, *(name for name, p in each if p >= SIGNIFICANCE and scored[name])]
 
     @cached_property
     def standings(self) -> pd.DataFrame:

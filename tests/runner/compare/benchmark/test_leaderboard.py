@@ -145,6 +145,13 @@ def test_scores_that_do_not_match_are_no_rivals() -> None:
     assert board.rivals == ["ls", "iv"]
 
 
+@pytest.mark.parametrize("cells_lost", [1, 9])
+def test_who_lost_every_cell_is_no_rival(shown: Callable[..., str], cells_lost: int) -> None:
+    """Not even of another one: that both have no score does not make them equal."""
+    store("task", {name: [[None] * cells_lost] for name in ("ls", "ridge")})
+    assert rows(shown("--summary"))["task"][RIVALS] == "–"
+
+
 def test_bold_is_the_best_of_those_that_lost_no_cell(shown: Callable[..., str]) -> None:
     """Not who is merely not significantly worse, nor who is compared with nobody."""
     lost = {"ridge": [[0.3] * 4 + [None]], "iv": [[None] * 5]}
