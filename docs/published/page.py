@@ -197,7 +197,8 @@ def sentence(sources: Sequence[Sequence[Judged]]) -> str:
     apart = Counter(one.verdict for one in judged if one.verdict in APART)
     told = ", ".join(f"{counts[name]} {name}" for name in (*COUNTED, MORE) if counts[name])
     left = ", ".join(f"{number} {name}" for name, number in apart.items() if name != "ours")
-    return f"{len(seen)} printed figures are compared: {told}; left out of this: {left or 'none'}"
+    compared = f"{len(seen)} printed figures are compared: {told}" if seen else "no runs to compare"
+    return f"{compared}; left out of this: {left or 'none'}"
 
 
 def _apart(sources: Sequence[Sequence[Judged]]) -> TextTable:
