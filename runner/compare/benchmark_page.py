@@ -57,7 +57,8 @@ def write_benchmark(results: Queries, boards: Sequence[Board], file: Path) -> No
                 if each.state != "found":
                     told = f"{each.name} is {each.state}: its cases are left out; {trials} data get"
                     blocks.append(paragraph(f"{told} {task.name}", "small"))
-            blocks.append(html_table(leaderboard(board)))
+            none = paragraph("No trial has been run.", "small")
+            blocks.append(none if board.entries.empty else html_table(leaderboard(board)))
             if len(board.ranked):
                 figure = chart(task.title, board.ranked)
                 blocks.append(picture(figure, f"{task.title}: mean ranks", f"{task.name}-ranks-"))
