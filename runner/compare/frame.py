@@ -332,16 +332,20 @@ class Queries:
         query = sa.select(r.git_commit, r.git_dirty, r.host, r.versions, r.command)
         return self.reader.select(query.where(r.id.in_(self._ids(condition))).order_by(r.id.desc()))
 
-    def clauses(self, condition: Condition) -> list[Clause]:
-        """Return the SQL of a condition: all clauses must hold."""
+    def clauses(self, condition: Condition, own_attempts: bool = False) -> list[Clause]:
+        """Return the SQL of a condition: all clauses must hold.
+
+        Of sweeps it holds for every attempt at their trials, since the valid one may be of another
+        sweep; or only for the attempts that are their own, or that they reused.
+        """
         clauses: list[Clause] = []
-        if condition.sweeps:  # every attempt at its trials: the valid one may be of another sweep
+        if condition.sweeps:
             planned, reuse = tables.PlannedRow.__table__.c, tables.Reuse
             reused = sa.select(reuse.run_id).where(reuse.sweep_id.in_(condition.sweeps))
             own = RUN.c.sweep_id.in_(condition.sweeps) | RUN.c.id.in_(reused)
             plan = sa.select(planned.fingerprint).where(planned.sweep_id.in_(condition.sweeps))
             trials = plan.union(sa.select(RUN.c.fingerprint).where(own))
-            clauses.append(RUN.c.fingerprint.in_(trials))
+            clauses.append(own if own_attempts else RUN.c.fingerprint.in_(trials))
         if condition.runs is not None:
             clauses.append(_one_of(condition.runs))
         return clauses

@@ -83,7 +83,7 @@ def runs_of(
     """
     if wrong := [status for status in statuses if status not in known]:
         raise ConfigurationError(f"--status: got {wrong[0]!r}, expected one of {', '.join(known)}")
-    conditions = results.clauses(condition)
+    conditions = results.clauses(condition, own_attempts=True)
     if statuses:  # the view may still show an interrupted run as running
         conditions.append(run_overview.c.status.in_([*statuses, "running"]))
     most = None if statuses else limit
