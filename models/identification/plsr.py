@@ -327,7 +327,7 @@ class PartialLeastSquares(ResidualOptions):
         Raises IdentificationError when there are fewer than two samples per block.
         """
         if selection == "test":
-            held_out = z.like(self.samples(problem.validation, problem.nominal, lag))
+            held_out = z.like(self.samples(problem.validation, problem.nominal, lag, samples.terms))
             return LeftOut((Block.of(z.x, slice(None)),), held_out.T @ held_out)
         if len(z.z) < 2 * self.folds:
             raise IdentificationError(

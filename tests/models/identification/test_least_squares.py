@@ -150,3 +150,20 @@ def test_what_nothing_pushes_is_known_relative_to_the_inertia(
     problem = Problem(motion, motion, nominal, None)
     found = estimator(name, basis="physical").identify(problem, rng)
     np.testing.assert_allclose(found.model.theta, truth.on(found.model.terms).theta, atol=0.05)
+
+
+def test_what_pushes_in_the_training_part_decides_for_the_held_out_part(
+    make, estimator, rng
+) -> None:
+    inertia, drag = np.diag([10.0, 15.0, 5.0]), {"X_u": -4.0, "Y_v": -9.0, "N_r": -6.0}
+    nominal = from_derivatives("boat", AXES, inertia, drag)
+    truth = from_derivatives("boat", AXES, 1.2 * inertia, drag)
+    t = 0.1 * np.arange(2000)
+    tau = np.column_stack([4.0 + np.sin(0.21 * t), 3.0 * np.sin(0.7 * t), np.sin(0.5 * t)])
+    motions = []
+    for pushed in (tau, tau * [1.0, 0.0, 1.0]):
+        motion = make.driven(truth, pushed)
+        motions.append(replace(motion, nu_dot=truth.forward(pushed, motion.nu)))
+    plsr = estimator("plsr", basis="physical", selection="test", bootstrap=None)
+    found = plsr.identify(Problem(*motions, nominal, None), rng)
+    np.testing.assert_allclose(found.model.inertia, truth.inertia, atol=0.05)
