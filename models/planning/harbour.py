@@ -1,4 +1,4 @@
-"""Shapes of GeoJSON files, a harbour of them, the outline of a hull, and their distances.
+"""A harbour, the outline of a hull, and their distances.
 
 Between two samples the pose changes linearly. No point of a hull then moves further than
 m = |dp| + R |dpsi|, with the distance R of its farthest corner from the origin of the body. So the
@@ -7,64 +7,28 @@ bound of conservative advancement, Mirtich (1996), Impulse-based dynamic simulat
 systems, section 2.3.
 """
 
-import json
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from functools import partial
-from typing import TYPE_CHECKING, Any, NamedTuple
+from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 
 from seatrial.models.errors import ConfigurationError
+from seatrial.models.planning.geojson import Shape, in_metres, shapes_of
 from seatrial.models.vessel.basis import Array
 from seatrial.models.vessel.kinematics import in_ned
 
 if TYPE_CHECKING:
-    import pymap3d
     import shapely
 else:
     import lazy_loader
 
-    pymap3d = lazy_loader.load("pymap3d")  # slow to import
-    shapely = lazy_loader.load("shapely")
+    shapely = lazy_loader.load("shapely")  # slow to import
 
 UNITS, SIDES = ("lengths", "metres", None), ("port", "starboard")
 SHOULDER = 0.7  # of the length from the stern: where the sides end and the bow begins
 FLAT = 1e-9  # share of its area by which a polygon may fall short of its convex hull
 TINY, NOWHERE = 1e-12, 1e6  # [m]
-Shape = tuple[Mapping[str, Any], "shapely.Geometry"]  # with its properties
-
-
-def shapes_of(text: str) -> tuple[Mapping[str, Any], list[Shape]]:
-    """The content of a GeoJSON text and its shapes; raises ConfigurationError, in one line."""
-    try:
-        content = json.loads(text)
-        nodes = [(one.get("properties") or {}, one.get("geometry", one))
-                 for one in content.get("features", [content])]  # fmt: skip
-        shapes = [(own, shapely.from_geojson(json.dumps(node))) for own, node in nodes]
-        if wrong := [shape for _, shape in shapes if not shape.is_valid]:
-            raise ValueError(shapely.is_valid_reason(wrong[0]))
-    except (ValueError, TypeError, AttributeError, shapely.GEOSException) as error:
-        reason = " ".join(str(error).split())
-        raise ConfigurationError(f"got {reason}, expected polygons of GeoJSON") from error
-    return content, shapes
-
-
-def in_metres(
-    shape: "shapely.Geometry", origin: Sequence[float] | None, scale: float = 1.0
-) -> "shapely.Geometry":
-    """A shape in (north, east) [m] from one in (east, north), or in (longitude, latitude) [deg].
-
-    Degrees are on WGS 84, as in RFC 7946, about an `origin` (longitude, latitude).
-    """
-
-    def north_east(xy: Array) -> Array:
-        if origin is None:
-            return np.asarray(scale * xy[:, ::-1])
-        if np.any(np.abs(xy) > (360.0, 90.0)):
-            raise ConfigurationError(f"got {xy[0].tolist()}, expected longitude and latitude [deg]")
-        return np.column_stack(pymap3d.geodetic2ned(*xy.T[::-1], 0.0, *origin[1::-1], 0.0)[:2])
-
-    return shapely.transform(shape, north_east)
 
 
 class Harbour(NamedTuple):

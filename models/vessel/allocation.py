@@ -416,14 +416,23 @@ class DeviceAllocation:
     inputs: Mapping[str, Input]
 
     def forces(self) -> Allocation:
-        """The thrusters with their bollard pull; the larger ones are used more."""
+        """The thrusters with their bollard pull; the larger ones are used more.
+
+        An azimuth that turns by half a circle or more, not by all of it, has the thrust that it
+        gives ahead and astern. Raises ConfigurationError for one that turns by less.
+        """
         thrusters = []
         for device in self.devices:
             fixed, limits, angle = device.alpha is None, self.inputs[device.drive], device.angle_rad
-            ahead = thrust_at(device, limits.high)
+            ahead, astern = thrust_at(device, limits.high), thrust_at(device, limits.low)
+            if device.alpha:
+                turn = self.inputs[device.alpha].high - self.inputs[device.alpha].low
+                ahead = ahead if turn >= 2.0 * np.pi else min(ahead, astern)
+                if turn < np.pi or not ahead:
+                    raise ConfigurationError(f"{device.alpha}: not every direction is reached")
             thrusters.append(PositionedThruster(
                 "fixed" if fixed else "azimuth", (device.x_m, device.y_m, 0.0), ahead,
-                thrust_at(device, limits.low) if fixed else None,  # an azimuth turns instead
+                astern if fixed else None,  # an azimuth turns instead
                 (float(np.cos(angle)), float(np.sin(angle)), 0.0), weight=1.0 / ahead**2,
             ))  # fmt: skip
         return Allocation("pseudo_inverse", tuple(thrusters))

@@ -35,7 +35,7 @@ from seatrial.models.identification.next_experiment import (
 )
 from seatrial.models.identification.problem import Problem
 from seatrial.models.notation import MEASURES, PLANAR, OrderedManoeuvre
-from seatrial.models.planning.harbour import in_metres, shapes_of
+from seatrial.models.planning.geojson import in_metres, shapes_of
 from seatrial.models.planning.planner import Waters
 from seatrial.models.recording.recording import Recording, end_to_end
 from seatrial.models.simulation.manoeuvre_sheet import DEVIATION_SHARE, Measures, sheet, track_of

@@ -109,6 +109,34 @@ def test_an_azimuth_turns_the_short_way() -> None:
         assert made("milliampere_azimuths", inputs[None])[0] == pytest.approx([surge, 0.0, 0.0])
 
 
+def narrowed(name: str, half_rad: float) -> VesselParameters:
+    """The vessel with azimuths that turn by so much to each side."""
+    ship = vessel(name)
+    inputs = {
+        key: replace(one, low=-half_rad, high=half_rad) if key.startswith("alpha") else one
+        for key, one in ship.inputs.items()
+    }
+    return replace(ship, inputs=inputs)
+
+
+def test_an_azimuth_of_half_a_circle_gives_what_it_gives_ahead_and_astern() -> None:
+    """Every force within the limits is given, in every direction, with azimuths in their range."""
+    own = narrowed("milliampere_azimuths", 0.5 * np.pi + 1e-6).positioning
+    assert own is not None
+    tau = 0.5 * np.array(own.limits(PLANAR)) * np.random.default_rng(0).uniform(-1, 1, (200, 3))
+    table, inputs = own.table(PLANAR), np.empty((len(tau), 8))
+    for k in range(len(tau)):
+        allocate_step(table, tau[k], inputs[k])
+    azimuths = [i for i, name in enumerate(own.inputs) if name.startswith("alpha")]
+    assert np.max(np.abs(inputs[:, azimuths])) <= 0.5 * np.pi + 1e-6
+    given = made("milliampere_azimuths", inputs)
+    np.testing.assert_allclose(given / own.limits(PLANAR), tau / own.limits(PLANAR), atol=2e-3)
+
+
+def test_an_azimuth_of_less_does_not_position_a_vessel() -> None:
+    assert narrowed("milliampere_azimuths", 1.5).positioning is None
+
+
 def test_curves_are_inverted() -> None:
     """A dead band and a curve between linear and quadratic."""
     first = replace(allocation("milliampere_azimuths").devices[0], dead_band=0.1, curvature=0.4)
