@@ -302,15 +302,13 @@ class PhysicalConstraints:
         cuts = self.cuts(change)
         return tuple(dict.fromkeys([*names, *(cuts.names if cuts else ())]))
 
-    def within(self, change: Array) -> Array:
-        """A change (m,), or the part of it whose inertia is within the bounds."""
-        if self.factor is None:
-            return change
-        ratios, _ = self._inertia(change)
-        low, high = (bound - 1.0 for bound in (1.0 / self.factor, self.factor))
-        away = ratios - 1.0  # in proportion to the change
-        shares = np.divide(np.where(away < 0.0, low, high), away, where=away != 0.0, out=away + 2.0)
-        return change * min(1.0, float(np.min(shares)))
+    def longest(self, change: Array) -> Array:
+        """The longest part of a change (m,) that meets the constraints, as none at all does."""
+        low, high = 0.0, 1.0
+        while high - low > ROW_TOLERANCE:
+            middle = 0.5 * (low + high)
+            low, high = (low, middle) if self.violated(middle * change) else (middle, high)
+        return low * change
 
     def _inertia(self, change: Array) -> tuple[Array, Array]:
         """Eigenvalues (n_dof,) and vectors of the inertia over the nominal one."""
@@ -385,7 +383,7 @@ def solve(
             break
         rows = rows + cuts
     else:
-        change = constraints.within(change)  # what rounding has left is far beyond the bounds
+        change = constraints.longest(change)  # beside exact data rounding leaves it far outside
     return change - at, tuple(dict.fromkeys(rows.names[i] for i in active))
 
 

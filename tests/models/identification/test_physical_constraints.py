@@ -6,6 +6,8 @@ import numpy as np
 import pytest
 import scipy
 
+from docs.vessels import parameters_of
+from seatrial.models.identification import physical_constraints
 from seatrial.models.identification.free_parameters import FreeParameters, free_parameters
 from seatrial.models.identification.physical_constraints import (
     ROW_TOLERANCE,
@@ -93,6 +95,21 @@ def test_whatever_the_data_say_the_solution_is_physical(calm, tie: str, seed: in
     )
     power, largest = (dissipated(table, constraints.velocities) for table in (model, nominal))
     assert np.all(power >= -1e-5 * largest)
+
+
+@pytest.mark.parametrize("seed", range(2))
+def test_a_solution_whose_cuts_are_not_all_found_is_physical(
+    monkeypatch: pytest.MonkeyPatch, seed: int
+) -> None:
+    """The part of it that is, counted from the nominal model."""
+    monkeypatch.setattr(physical_constraints, "MAX_CUTS", 1)
+    rng, nominal = np.random.default_rng(seed), parameters_of("milliampere").nominal()
+    free = free_parameters(nominal, None, "tied", False, symmetric=True)
+    constraints = constraints_on(free, 0.3 * rng.standard_normal((300, 3)))
+    H, target = hessian(constraints, rng), rng.standard_normal(len(free)) * constraints.scale
+    change, _ = solve(H, H @ target, constraints, np.zeros(len(free)))
+    assert np.any(change != 0.0)
+    assert constraints.violated(change) == ()
 
 
 def test_the_solution_is_optimal(calm, rng) -> None:
