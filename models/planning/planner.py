@@ -174,7 +174,8 @@ class Waters:
 
 def simplified(path: Array, tolerance_m: float) -> Array:
     """The corners (n, 2) of a path (N, 2) [m] simplified within a tolerance [m]."""
-    return np.asarray(shapely.get_coordinates(shapely.LineString(path).simplify(tolerance_m)))
+    line = shapely.remove_repeated_points(shapely.LineString(path))  # those of a turn on the spot
+    return np.asarray(shapely.get_coordinates(line.simplify(tolerance_m)))
 
 
 def inside(free: "shapely.Geometry", points: Array) -> NDArray[np.bool_]:
