@@ -22,6 +22,7 @@ import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from heapq import heappop, heappush
+from itertools import product
 from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
@@ -49,7 +50,7 @@ OUTSIDE = 1.0 / np.cos(np.pi / (4.0 * QUARTER))  # relative radius of a polygon 
 HEADINGS = 8
 HEADING_STEP = 2.0 * np.pi / HEADINGS
 ARC = 1.0 + np.sqrt(2.0)  # radius, in cells
-RUN = np.sqrt(2.0) - 1.0  # straight line between an arc and a pose of the lattice, in cells
+ROUNDING = 1e-9  # [rad] by which a turn may fall short of none
 STRAY = 0.02  # tolerance of path simplification, in cells; added to the clearance
 MOST_CELLS, MOST_STATES = 250_000, 30_000_000
 
@@ -218,19 +219,64 @@ def nearest(pose: Array, cell_m: float) -> Integers:
     return np.round(pose / (cell_m, cell_m, HEADING_STEP)).astype(np.int64)
 
 
+class Arcs(NamedTuple):
+    """An arc, a line and an arc of the same radius."""
+
+    turns: Array  # (2,) [rad], positive to starboard
+    line_m: float
+    radius_m: float
+
+    @property
+    def lengths(self) -> Array:
+        """Of the three parts [m], shape (3,)."""
+        first, last = self.radius_m * np.abs(self.turns)
+        return np.array([first, self.line_m, last])
+
+    def poses(self, shares: Array) -> Array:
+        """Poses (N, 3) [m, m, rad] at shares (N,) of the whole length, from the origin."""
+        lengths = self.lengths
+        s = shares[:, None] * np.sum(lengths) - (np.cumsum(lengths) - lengths)
+        first, last = np.sign(self.turns) / self.radius_m
+        turned = np.clip(s, 0.0, lengths) * (first, 0.0, last)
+        chord = np.clip(s, 0.0, lengths) * np.sinc(turned / (2.0 * np.pi))
+        course = np.cumsum(turned, axis=1) - 0.5 * turned
+        moves = chord * np.cos(course), chord * np.sin(course), turned
+        return np.asarray(np.sum(moves, axis=2).T)
+
+
+def shortest_arcs(start: Array, end: Array, radius_m: float) -> Arcs:
+    """The shortest arc, line and arc between poses (3,) [m, m, rad].
+
+    Of the paths of Dubins (1957), On curves of minimal length, those without a third arc. With c =
+    p + i s R exp(i psi), the centre of a turn to the side s (1 to starboard, -1 to port), and p =
+    north + i east, the line of length L and course theta between turns to s and e has
+
+        c_e - c_s = (L + i (e - s) R) exp(i theta)
+    """
+    paths, R = list[Arcs](), radius_m
+    for s, e in product((1, -1), repeat=2):
+        sides = R * (e * np.exp(1j * end[2]) - s * np.exp(1j * start[2]))
+        apart, aside = complex(*(end - start)[:2]) + 1j * sides, (e - s) * R
+        if abs(apart) < abs(aside):
+            continue
+        line = np.sqrt(abs(apart) ** 2 - aside**2)
+        course = np.angle(apart) - np.arctan2(aside, line)
+        turns = np.array([s * (course - start[2]), e * (end[2] - course)]) + ROUNDING
+        angles = np.maximum(turns % (2.0 * np.pi) - ROUNDING, 0.0)
+        paths.append(Arcs(angles * [s, e], float(line), R))
+    return min(paths, key=lambda path: float(np.sum(path.lengths)))
+
+
 def basic(heading: int, cell_m: float, pace: Pace) -> dict[str, Array]:
     """The basic primitives from a heading of the lattice (a multiple of 45 deg), by name."""
-    still, diagonal, radius = np.zeros(3), heading % 2 == 1, ARC * cell_m
-    run, arc = RUN * cell_m, radius * HEADING_STEP
-    ahead = cell_m * (np.sqrt(2.0) if diagonal else 1.0)
-    moves = {"straight": pace.line(still, np.array([ahead, 0.0, 0.0]))}
-    s = (run + arc) * pace.shares(run + arc, HEADING_STEP)
-    first = run * diagonal  # the line before the arc; after it is the rest of `run`
-    turn, after = np.clip(s - first, 0.0, arc) / radius, np.maximum(s - first - arc, 0.0)
-    north = np.minimum(s, first) + radius * np.sin(turn) + after * np.cos(HEADING_STEP)
-    east = radius * (1.0 - np.cos(turn)) + after * np.sin(HEADING_STEP)
+    still, diagonal = np.zeros(3), heading % 2 == 1
+    ahead, far, aside = np.sqrt(0.5) * np.array([2.0, 3.0, 1.0]) if diagonal else (1.0, 2.0, 1.0)
+    moves = {"straight": pace.line(still, np.array([cell_m * ahead, 0.0, 0.0]))}
     for side, name in ((1, "starboard"), (-1, "port")):
-        moves[f"arc_{name}"] = np.column_stack([north, side * east, side * turn])
+        end = np.array([cell_m * far, side * cell_m * aside, side * HEADING_STEP])
+        arcs = shortest_arcs(still, end, ARC * cell_m)
+        shares = pace.shares(float(np.sum(arcs.lengths)), HEADING_STEP)
+        moves[f"arc_{name}"] = arcs.poses(shares)
         moves[f"pivot_{name}"] = pace.line(still, np.array([0.0, 0.0, side * HEADING_STEP]))
     return moves
 

@@ -11,6 +11,7 @@ from seatrial.models.planning.planner import (
     Waters,
     basic,
     nearest,
+    shortest_arcs,
     turned,
 )
 
@@ -43,6 +44,22 @@ def test_turns_to_both_sides_mirror_each_other() -> None:
     np.testing.assert_allclose(moves["arc_port"] * [1.0, -1.0, -1.0], moves["arc_starboard"])
     assert moves["arc_starboard"][-1] == pytest.approx([4.0, 2.0, HEADING_STEP])
     assert moves["pivot_starboard"][-1] == pytest.approx([0.0, 0.0, HEADING_STEP])
+
+
+@pytest.mark.parametrize("seed", range(10))
+def test_arcs_lead_to_their_pose_along_the_heading(seed: int) -> None:
+    end = np.random.default_rng(seed).uniform(-4.0, 4.0, 3)
+    arcs = shortest_arcs(np.zeros(3), end, 1.5)
+    poses = arcs.poses(np.linspace(0.0, 1.0, 4001))
+    miss = np.exp(1j * poses[-1, 2]) - np.exp(1j * end[2])
+    np.testing.assert_allclose([*(poses[-1, :2] - end[:2]), abs(miss)], 0.0, atol=1e-8)
+    move = np.diff(poses, axis=0)
+    length = np.hypot(move[:, 0], move[:, 1])
+    assert np.sum(length) == pytest.approx(np.sum(arcs.lengths), rel=1e-5)
+    assert np.max(np.abs(move[:, 2])) <= np.sum(arcs.lengths) / 4000 / 1.5 + 1e-9
+    middle = 0.5 * (poses[1:, 2] + poses[:-1, 2])
+    np.testing.assert_allclose(move[:, 0], length * np.cos(middle), atol=1e-6)
+    np.testing.assert_allclose(move[:, 1], length * np.sin(middle), atol=1e-6)
 
 
 @pytest.mark.parametrize("heading", range(HEADINGS))
