@@ -132,11 +132,13 @@ def command(
     return table, np.zeros(4)
 
 
-def zigzag(order: float, turn: float, side: float, until: int = NEVER) -> tuple[Piece, Piece]:
-    """An order that changes sign whenever the heading has deviated by `turn`, first to a side."""
+def zigzag(
+    order: float, turn: float, side: float, until: int = NEVER, about: float = 0.0
+) -> tuple[Piece, Piece]:
+    """An order to both sides of another whenever the heading has deviated by `turn`."""
     return (
         Piece(order, until=until, after=2, turned=turn, side=side),
-        Piece(-order, until=until, turned=turn, side=-side, then=-1),
+        Piece(2.0 * about - order, until=until, turned=turn, side=-side, then=-1),
     )
 
 

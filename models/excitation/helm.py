@@ -91,6 +91,11 @@ class SteeredMission(ShipMission):
         """Lowest and highest helm."""
         return self.input_low[self.index], self.input_high[self.index]
 
+    def at(self, share: float) -> float:
+        """The helm at a share of the way from its start to the upper limit, or the lower one."""
+        start = self.input_start[self.index]
+        return start + abs(share) * (self.limits[int(share > 0.0)] - start)
+
     def side(self, order: float) -> float:
         """The side that an order turns to: 1 starboard, -1 port."""
         return self.input_signs[self.index] * float(np.sign(order))
@@ -217,12 +222,11 @@ class ScheduledInput(SteeredMission):
     @property
     def orders(self) -> Array:
         """The values in SI units, (n,)."""
-        values, start = np.array(self.values), self.input_start[self.index]
         if self.unit == "range":
-            low, high = self.limits
-            return np.asarray(start + np.where(values > 0.0, high - start, start - low) * values)
+            return np.array([self.at(value) for value in self.values])
+        start = self.input_start[self.index]
         units = {"deg": np.pi / 180.0, "start": start, "rate": 1.0 / self.unit_s}
-        return np.asarray(values * units[self.unit], dtype=np.float64)
+        return np.array(self.values) * units[self.unit]
 
     def pieces(self, period_s: float) -> Sequence[Piece]:
         """The values in turn."""
