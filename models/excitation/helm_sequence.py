@@ -5,19 +5,17 @@ It is sailed from a sheet: every step lasts a time that is known before.
 
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
-from itertools import product
-from typing import Literal
+from typing import Annotated, Literal
 
 import numpy as np
+from annotated_types import MinLen
 
-from seatrial.models.errors import ConfigurationError
 from seatrial.models.excitation.commands import HEADING, HOLD, Piece, zigzag
 from seatrial.models.excitation.helm import SteeredMission
+from seatrial.models.planning.planner import shortest_arcs
 from seatrial.models.ranges import Positive, check_ranges
 from seatrial.models.recording.recording import Mask, Split, half
 from seatrial.models.vessel.basis import Array
-
-ROUNDING = 1e-9  # [rad] by which a turn may fall short of none
 
 
 @dataclass(frozen=True)
@@ -48,16 +46,11 @@ class HelmSequence(SteeredMission):
     share of the way from the start of the helm to its limits. `variants` are factors on both.
     """
 
-    steps: tuple[HelmStep, ...]
+    steps: Annotated[tuple[HelmStep, ...], MinLen(1)]
     start_pose: tuple[float, float, float] = (0.0, 0.0, 0.0)
     expected: Mapping[str, float] | None = None
     candidates: Mapping[str, tuple[HelmStep, ...]] | None = None
     variants: Mapping[str, tuple[float, ...]] | None = None
-
-    def __post_init__(self) -> None:
-        if not self.steps:
-            raise ConfigurationError("steps: got none, expected at least one")
-        super().__post_init__()
 
     @property
     def duration_s(self) -> float:
@@ -74,30 +67,27 @@ class HelmSequence(SteeredMission):
         """End of every step [s]."""
         return np.cumsum([step.seconds for step in self.steps])
 
-    def order(self, share: float) -> float:
-        """The helm at a share of the way from its start to the upper limit, or the lower one."""
-        start = self.input_start[self.index]
-        return float(start + abs(share) * (self.limits[int(share > 0.0)] - start))
-
     def variant(self, name: str, size: float, slowness: float) -> tuple[HelmStep, ...]:
         """The steps of a candidate, its orders times `size` and its times `slowness`."""
         return tuple(
             replace(
                 step, seconds=round(slowness * step.seconds * self.unit_s, 1),
-                order=self.order(size * step.order),
+                order=self.at(size * step.order),
             )
             for step in (self.candidates or {})[name]
         )  # fmt: skip
 
     def rows(self) -> Iterator[tuple[float, str]]:
-        """Begin [s] of each step, and what the helm does."""
+        """Length [s] of each step, and what the helm does."""
         in_deg = self.helm == "delta"
-        for step, end in zip(self.steps, self.ends_s, strict=True):
+        for step in self.steps:
             order = f"{np.degrees(step.order):.3g} deg" if in_deg else f"{step.order:.4g}"
             turn = f" {step.turn_deg:.0f} deg" if step.turn_deg else ""
             straight = step.kind == "turn" and not turn
-            text = "straight" if straight else f"{step.kind}{turn}, {self.helm} {order}"
-            yield float(end - step.seconds), text
+            yield (
+                step.seconds,
+                "straight" if straight else f"{step.kind}{turn}, {self.helm} {order}",
+            )
 
     def pieces(self, period_s: float) -> Sequence[Piece]:
         """The orders and the courses."""
@@ -108,12 +98,10 @@ class HelmSequence(SteeredMission):
             if step.kind == "hold":
                 pieces.append(Piece(step.order, until=until))
             elif step.kind == "zigzag":
-                there, back = zigzag(step.order, turn, self.side(step.order - base), until)
-                pieces += [there, back._replace(order=2.0 * base - step.order)]
+                pieces += zigzag(step.order, turn, self.side(step.order - base), until, base)
             else:
-                if turn:
-                    turned, side = abs(turn), float(np.sign(turn))
-                    pieces.append(Piece(step.order, HOLD, until, 2, turned, side))
+                turned, side = abs(turn), float(np.sign(turn))
+                pieces.append(Piece(step.order, HOLD, until, 2, turned, side))
                 pieces.append(Piece(turn, HEADING, until))
         return [*pieces, Piece(0.0, HEADING)]
 
@@ -129,27 +117,11 @@ def join(
 ) -> list[HelmStep]:
     """The shortest arc, line and arc between poses (3,) [m, m, rad], as turns with what follows.
 
-    Of the paths of Dubins (1957), On curves of minimal length, those without a third arc. With c =
-    p + i s R exp(i psi), the centre of a turn to the side s (1 to starboard, -1 to port), and p =
-    north + i east, the line of length L and course theta between turns to s and e has
-
-        c_e - c_s = (L + i (e - s) R) exp(i theta)
-
     `helm` are the orders of the turns to port and to starboard, (2,), which have a radius [m] and
     a speed [m/s]; the last course is kept for `settle_s`.
     """
-    paths, R = list[list[HelmStep]](), radius_m
-    for s, e in product((1, -1), repeat=2):
-        sides = R * (e * np.exp(1j * end[2]) - s * np.exp(1j * start[2]))
-        apart, aside = complex(*(end - start)[:2]) + 1j * sides, (e - s) * R
-        if abs(apart) < abs(aside):
-            continue
-        line = np.sqrt(abs(apart) ** 2 - aside**2)
-        course = np.angle(apart) - np.arctan2(aside, line)
-        turns = np.array([s * (course - start[2]), e * (end[2] - course)]) + ROUNDING
-        angles = np.maximum(turns % (2.0 * np.pi) - ROUNDING, 0.0)
-        seconds = (R * angles + [line, 0.0]) / speed_m_s + [0.0, settle_s]
-        degrees = np.degrees(angles * [s, e])
-        rows = zip(seconds.tolist(), helm[[int(s > 0), int(e > 0)]], degrees.tolist(), strict=True)
-        paths.append([HelmStep("turn", t, float(order), turn) for t, order, turn in rows if t > 0])
-    return min(paths, key=lambda steps: sum(step.seconds for step in steps))
+    arcs = shortest_arcs(start, end, radius_m)
+    first, line, last = arcs.lengths / speed_m_s
+    orders, degrees = helm[(arcs.turns > 0.0).astype(int)].tolist(), np.degrees(arcs.turns).tolist()
+    rows = zip((first + line, last + settle_s), orders, degrees, strict=True)
+    return [HelmStep("turn", float(t), order, turn) for t, order, turn in rows if t > 0.0]

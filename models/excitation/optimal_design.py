@@ -11,7 +11,7 @@ information, is close to the design, also for a vessel that differs from the nom
 """
 
 from collections import Counter
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
 from typing import Annotated, Literal, NamedTuple
@@ -331,6 +331,11 @@ class OptimalDesign(Mission):
     def duration_s(self) -> float:
         """Length of all sub-experiments with their stops [s]."""
         return len(self.schedule) * self.period_s
+
+    def rows(self) -> Iterator[tuple[float, str]]:
+        """Length [s] of each phase, and what is done."""
+        for phase in self.schedule.phases:
+            yield self.period_s * phase.count, f"{phase.kind} {phase.name}"
 
     def length(self) -> Length:
         """The length of all sub-experiments with their stops, without the passages of a plan."""

@@ -9,67 +9,55 @@ joins. Files have positions in metres, x east and y north, or with an origin in 
 
 import json
 import re
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from contextlib import suppress
 from dataclasses import dataclass, replace
-from functools import cached_property
+from functools import cached_property, partial
 from itertools import chain, product
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any, NamedTuple
+from typing import Annotated, Any, NamedTuple
 
 import numpy as np
+import pymap3d
+import shapely
 import typer
 import yaml
 
 from seatrial.models.errors import ConfigurationError, SeatrialError
 from seatrial.models.excitation.helm_sequence import HelmSequence, HelmStep, join
-from seatrial.models.excitation.missions import Mission
-from seatrial.models.identification.next_experiment import (
-    Belief,
-    Purpose,
-    Value,
-    doubted,
-    information,
-    learnt,
-    ranked,
-)
+from seatrial.models.excitation.missions import Mission, planar_only
+from seatrial.models.identification import next_experiment as experiment
+from seatrial.models.identification.next_experiment import Belief, Purpose, Value
 from seatrial.models.identification.problem import Problem
-from seatrial.models.notation import MEASURES, PLANAR, OrderedManoeuvre
+from seatrial.models.notation import MEASURES, OrderedManoeuvre
 from seatrial.models.planning.geojson import in_metres, shapes_of
 from seatrial.models.planning.planner import Waters
 from seatrial.models.recording.recording import Recording, end_to_end
 from seatrial.models.simulation.manoeuvre_sheet import DEVIATION_SHARE, Measures, sheet, track_of
+from seatrial.models.simulation.metrics import position_error
 from seatrial.models.vessel.basis import Array
 from seatrial.models.vessel.kinematics import in_ned
 from seatrial.runner.compare.cli import run_typer
 from seatrial.runner.compare.frame import open_results
 from seatrial.runner.configuration.config import Trial, build_trial
 from seatrial.runner.configuration.invocation import DEFAULT_DATABASE
+from seatrial.runner.interface.shell import part_of
 from seatrial.runner.record.vocabulary import GROUPS
 from seatrial.runner.sweeps import in_process
-from seatrial.runner.trials.checks import evaluated
+from seatrial.runner.trials.checks import evaluated, skipped
 from seatrial.runner.trials.closed_loop import Streams, prepare
-from seatrial.runner.trials.deployment_metrics import mission_metrics
 from seatrial.runner.trials.manoeuvre_results import UNABLE, sailed
 from seatrial.runner.trials.trial import excite, identify
 
-if TYPE_CHECKING:
-    import pymap3d
-    import shapely
-else:
-    import lazy_loader
-
-    pymap3d = lazy_loader.load("pymap3d")  # slow to import
-    shapely = lazy_loader.load("shapely")
-
 app = typer.Typer(name="seatrial next", pretty_exceptions_enable=False, add_completion=False)
+main = partial(run_typer, app)  # of the words that follow `seatrial next`
 DRAWS = 400  # of the distribution of runs
 APPROACH = 3.0  # on a straight course before a manoeuvre [L / U]
-MEASURED = {"turn": 4.0, "zigzag": 6.0}  # slowness of the candidates that are measured
+MEASURED = {"zigzag": 6.0, "turn": 4.0}  # slowness of the candidates that are measured
 ZIGZAG_DEG, ZIGZAG_SHARE = 10.0, 0.3  # of it: its helm, or the share of one that is no angle
 EVERY = 25  # samples of a circle of which one is predicted
 JOIN_SHARE = 0.6  # of the largest helm, in joins
-HEADINGS = 8  # at which a candidate may begin
+HEADINGS = 0.25 * np.pi * np.arange(8)  # [rad] at which a candidate may begin
 TRIED = 12  # candidates that are simulated in turn
 OF_TRIAL = {"vessel": "${vessel}", "period_s": "${sample_time_s}", "draw_seed": "${seed}"}
 FOR = (
@@ -78,11 +66,6 @@ FOR = (
 )
 GPX = "http://www.topografix.com/GPX/1/1"
 Origin = tuple[float, ...] | None  # latitude, longitude [deg]
-
-
-def main(words: Sequence[str]) -> int:
-    """Run `seatrial next` with the words that follow it; returns the exit code."""
-    return run_typer(app, words)
 
 
 @app.command("next")
@@ -107,10 +90,9 @@ def next_experiment(
     waters = None if area is None else read_waters(area, where, clearance)
     if bool(after) == bool(vessel) or not 0.0 < doubt < 1.0:
         raise ConfigurationError("next: expected --after RUNS, or --vessel NAME and --doubt < 1")
-    last, known = None, nominal(vessel, doubt) if vessel else None
-    if known is None:
-        trials = _stored(after, database)
-        last, known = trials[-1], after_runs(trials)
+    trials = _stored(after, database) if after else []
+    known = after_runs(trials) if after else nominal(vessel, doubt)
+    last = trials[-1] if trials else None
     wanted = purpose_of(known, match[1], last)
     now, expected = wanted.width(), (last and getattr(last.excitation, "expected", None)) or {}
     came = expected.get(wanted.name)
@@ -121,13 +103,15 @@ def next_experiment(
         typer.echo("\n".join([*lines, f"{target:g} % reached: nothing is to be sailed"]))
         return
     plan, width = sequence(wanted, target, Planner(known, waters, pose, 60.0 * minutes))
-    for begin, text in plan.rows():
+    begin = 0.0
+    for seconds, text in [*plan.mission.rows(), (0.0, "end")]:
         lines.append(f"{int(begin // 60):3d}:{begin % 60:04.1f}  {text}")
+        begin += seconds
     best = f"is not reached in {minutes:g} min: the best that was found is ± {width:.3g} %"
-    reached = f"reached after {plan.mission.duration_s / 60.0:.1f} min: then ± {width:.3g} %"
+    reached = f"reached after {begin / 60.0:.1f} min: then ± {width:.3g} %"
     typer.echo("\n".join([*lines, f"{target:g} % {best if width > target else reached}"]))
-    own = {key: value for key, value in OF_TRIAL.items() if key in plan.node}
-    node = {**plan.node, **own, "expected": {wanted.name: width}}
+    own = {name: option for name, option in OF_TRIAL.items() if hasattr(plan.mission, name)}
+    node = part_of(replace(plan.mission, expected={wanted.name: width}, **own), "excitation")
     try:
         files = write_files(output, node, plan.motion, waters, where)
     except OSError as error:
@@ -164,18 +148,12 @@ def _stored(after: str, database: str) -> list[Trial]:
 def trial_of(vessel: str, disturbance: str = "calm") -> Trial:
     """A trial of the vessel whose excitation is the family of its candidates."""
     words = [f"vessel={vessel}", f"disturbance={disturbance}", "controller=none", "evaluation=none"]
-
-    def built(family: str) -> Trial:
-        order = in_process.composed([*words, f"excitation={family}"])
-        return build_trial(order.config, order.names)
-
     try:
-        trial = built("helm_sequence")
+        order = in_process.composed([*words, "excitation=helm_sequence"])
     except SeatrialError:  # it is not steered
-        trial = built("optimal_design")
-    if trial.vessel.dofs != PLANAR:
-        dofs = ", ".join(trial.vessel.dofs)
-        raise ConfigurationError(f"next: {vessel} moves in {dofs}, expected surge, sway, yaw")
+        order = in_process.composed([*words, "excitation=optimal_design"])
+    trial = build_trial(order.config, order.names)
+    planar_only("seatrial next", trial.vessel.dofs)
     return trial
 
 
@@ -190,11 +168,6 @@ class Known:
     trial: Trial
     belief: Belief
     deviation: Array
-
-    def information(self, motion: Recording) -> Array:
-        """What a motion tells, shape (m, m)."""
-        J, _ = self.belief.free_runs(motion, self.trial.vessel.thruster)
-        return information(J, self.deviation)
 
     def sailed(self, mission: Mission, u: Array | float = 0.0) -> Recording:
         """The motion of the model at u (m,), by default of the one that is known, in calm water."""
@@ -221,10 +194,14 @@ def after_runs(trials: Sequence[Trial]) -> Known:
             f"next: identifier={last.names['identifier']} gives no joint distribution, expected "
             "robust or auto"
         )
-    belief = learnt(result.model, [*result.draws(DRAWS, DEVIATION_SHARE)], DEVIATION_SHARE)
+    belief = experiment.learnt(
+        result.model, [*result.draws(DRAWS, DEVIATION_SHARE)], DEVIATION_SHARE
+    )
     J, rest = belief.free_runs(recording, last.vessel.thruster)
     deviation = np.sqrt(np.mean(rest**2, axis=0))
-    deviation *= np.sqrt(np.quantile(np.linalg.eigvalsh(information(J, deviation)), 0.75))
+    deviation *= np.sqrt(
+        np.quantile(np.linalg.eigvalsh(experiment.information(J, deviation)), 0.75)
+    )
     return Known(trial_of(last.names["vessel"]), belief, deviation)
 
 
@@ -232,7 +209,7 @@ def nominal(vessel: str, doubt: float) -> Known:
     """The nominal model with a doubt, half the 90 % interval of its parameters over their size."""
     noise, trial = trial_of(vessel, "noise").disturbance.noise, trial_of(vessel)
     assert noise is not None
-    belief = doubted(trial.vessel.nominal(), doubt)
+    belief = experiment.doubted(trial.vessel.nominal(), doubt)
     return Known(trial, belief, noise.deviations(trial.vessel.dofs)[1])
 
 
@@ -254,37 +231,39 @@ def value_of(known: Known, name: str, tracked: Trial | None = None) -> Value:
     deviations), or the mean absolute position error `e_pos` of the trial `tracked` under its
     controller on the known model. Raises ConfigurationError if there is no such measure.
     """
-    belief, kinds = known.belief, dict[str, str]()
+    belief, free, kinds = known.belief, known.belief.free, dict[str, str]()
     family: Any = known.trial.excitation
-    if name == "coefficients" or name in belief.free.labels:
-        own = (name == "coefficients") | (np.array(belief.free.labels) == name)
-        own &= belief.free.values != 0.0
-        return lambda u: (belief.free.values + belief.basis @ u)[own]
+    steered = isinstance(family, HelmSequence)
+    own = (free.values != 0.0) & [name in ("coefficients", label) for label in free.labels]
+    if np.any(own):
+        return lambda u: (free.values + belief.basis @ u)[own]
     if name == "e_pos":
-        if tracked is None or tracked.controller is None:
+        if tracked is None or skipped(tracked) is not None:
             raise ConfigurationError("next: e_pos needs --after RUNS, the last with a controller")
         mission, model = evaluated(tracked), belief.at(known.zero)
 
         def tracking(u: Array) -> Array:
-            setup = prepare(tracked, Streams(0), model, mission, True, belief.at(u))
-            rows = mission_metrics(setup.sail(), "identified")
-            return np.array([next(row.value or 0.0 for row in rows if row.name == "e_pos_mae")])
+            log = prepare(tracked, Streams(0), model, mission, True, belief.at(u)).sail().voyage.log
+            return np.array([np.mean(position_error(log.eta_d, log.eta))])
 
         return tracking
     if name == "FIT":
-        steered = isinstance(family, HelmSequence)
         circle = _reference(family, "turn") if steered else family.candidates["circle"]
         nu = known.sailed(circle).nu
         size = np.where(np.std(nu, axis=0) > 0.0, np.std(nu, axis=0), np.inf)
         return lambda u: (1.0 + (known.sailed(circle, u).nu - nu) / size)[::EVERY].ravel()
-    for kind in ("zigzag", "turn") if isinstance(family, HelmSequence) else ():
+
+    def measures(kind: Any, u: Array | float) -> Measures:
+        track = track_of(known.sailed(_reference(family, kind), u), family.helm, family.length_m)
+        ordered = OrderedManoeuvre(kind, turn_deg=ZIGZAG_DEG)
+        return sheet(replace(track, helm=track.helm - track.helm[0]), ordered).values
+
+    for kind in MEASURED if steered else ():
         with suppress(*UNABLE):
-            for quantity, reached in _measures(known, kind).items():
-                if np.isfinite(reached):
-                    kinds[quantity.replace(" ", "_")] = kind
+            reached = [each for each, value in measures(kind, 0.0).items() if np.isfinite(value)]
+            kinds |= {each.replace(" ", "_"): kind for each in reached}
     if name in kinds:
-        quantity = name.replace("_", " ")
-        return lambda u: np.array([_measures(known, kinds[name], u).get(quantity, np.nan)])
+        return lambda u: np.array([measures(kinds[name], u)[name.replace("_", " ")]])
     raise ConfigurationError(
         f"next: {known.trial.vessel.name} has no measure {name}, expected one of "
         f"{', '.join(['coefficients', 'FIT', 'e_pos', *kinds])}"
@@ -298,16 +277,8 @@ def _reference(family: HelmSequence, kind: str) -> Mission:
         angle, name = np.radians(ZIGZAG_DEG), f"zigzag_{ZIGZAG_DEG:g}"
         share = float(angle) / family.limits[1] if family.helm == "delta" else ZIGZAG_SHARE
     own = family.variant(name, share, MEASURED[kind])
-    approach = HelmStep("hold", APPROACH * family.unit_s, family.order(0.0))
+    approach = HelmStep("hold", APPROACH * family.unit_s, family.at(0.0))
     return replace(family, steps=(approach, *own))
-
-
-def _measures(known: Known, kind: Any, u: Array | float = 0.0) -> Measures:
-    """The sheet of a reference manoeuvre of a model; raises what it cannot do."""
-    family: Any = known.trial.excitation
-    track = track_of(known.sailed(_reference(family, kind), u), family.helm, family.length_m)
-    ordered = OrderedManoeuvre(kind, turn_deg=ZIGZAG_DEG)
-    return sheet(replace(track, helm=track.helm - track.helm[0]), ordered).values
 
 
 class Candidate(NamedTuple):
@@ -323,21 +294,10 @@ class Candidate(NamedTuple):
 class Sailed(NamedTuple):
     """A sequence of candidates, and how it is sailed."""
 
-    parts: tuple[Any, ...] = ()  # `own` of each, and of a steered vessel joins
-    end: Array | None = None  # pose (3,) after them
+    parts: tuple[Any, ...]  # `own` of each, and joins
+    end: Array  # pose (3,) after them
     mission: Any = None
     motion: Any = None
-    node: Any = None  # the YAML of the mission
-
-    def rows(self) -> Iterator[tuple[float, str]]:
-        """Instants [s], and what is done from then on."""
-        if isinstance(self.mission, HelmSequence):
-            yield from self.mission.rows()
-        else:
-            edges = self.mission.period_s * np.array(self.mission.schedule.edges)
-            for begin, phase in zip(edges, self.mission.schedule.phases, strict=False):
-                yield begin, f"{phase.kind} {phase.name}"
-        yield self.mission.duration_s, "end"
 
 
 @dataclass(frozen=True, eq=False)
@@ -375,38 +335,36 @@ class Planner:
         """Whether parts are steps of the helm; otherwise candidates of a mix, each sailed once."""
         return isinstance(self.family, HelmSequence)
 
-    def variant(self, text: str, name: str, size: float, slowness: float) -> Any:
-        """A candidate of the excitation; None: a moment that is held has no time.
+    def variant(self, text: str, name: str, size: float, slowness: float) -> list[Any]:
+        """A candidate of the excitation: steps of the helm; or what it is called, and a mission.
 
-        That of a mix is what it is called, what it is a variant of, and the changes.
+        Raises ConfigurationError for a moment that is held: it has no time.
         """
         if self.steered:
             approach = HelmStep("turn", round(APPROACH * self.family.unit_s, 1))
-            return approach, *self.family.variant(name, size, slowness)
+            return [approach, *self.family.variant(name, size, slowness)]
         own = self.family.candidates[name]
-        if hasattr(own, "yaw_moment_nm"):
-            changes = {"yaw_moment_nm": size * own.yaw_moment_nm}
-            return (text, name, changes) if slowness == 1.0 else None
-        amplitude = {dof: size * most for dof, most in own.amplitude.items()}
-        return text, name, {"amplitude": amplitude, "time_scale": slowness * own.time_scale}
+        if not hasattr(own, "yaw_moment_nm"):
+            amplitude = {dof: size * most for dof, most in own.amplitude.items()}
+            return [(text, replace(own, amplitude=amplitude, time_scale=slowness * own.time_scale))]
+        if slowness != 1.0:
+            raise ConfigurationError(f"{name}: cannot be slower")
+        return [(text, replace(own, yaw_moment_nm=size * own.yaw_moment_nm))]
 
-    def sailing(self, node: Any, parts: Sequence[Any]) -> Any:
-        """The excitation, or its YAML, that sails parts in turn."""
-
-        def changed(of: Any, **changes: Any) -> Any:
-            return {**of, **changes} if isinstance(of, dict) else replace(of, **changes)
-
+    def sailing(self, parts: Sequence[Sequence[Any]]) -> Any:
+        """The excitation that sails parts in turn."""
+        family, own = replace(self.family, variants=None), tuple(chain(*parts))
         if self.steered:
-            steps = tuple(chain(*parts))
-            return changed(node, steps=steps, start_pose=self.start, candidates=None, variants=None)
-        own = node if isinstance(node, dict) else vars(node)
-        candidates = {f"{i}: {text}": changed(own["candidates"][name], **changes)
-                      for i, (text, name, changes) in enumerate(parts, 1)}  # fmt: skip
-        route = changed(
-            own["route"], start=self.start, **(vars(self.waters) if self.waters else {})
-        )
-        each: Any = {"design": "each", "held_out": (), "variants": None}
-        return changed(node, candidates=candidates, route=route, **each)
+            return replace(family, steps=own, start_pose=self.start, candidates=None)
+        candidates = {f"{i}: {text}": mission for i, (text, mission) in enumerate(own, 1)}
+        waters: Mapping[str, Any] = vars(self.waters) if self.waters else {}
+        route = replace(family.route, start=self.start, **waters)
+        return replace(family, candidates=candidates, route=route, design="each", held_out=())
+
+    @cached_property
+    def free(self) -> Any:
+        """Where arcs may lead, a geometry; None: anywhere, and there are none."""
+        return self.waters.free() if self.waters and self.steered else None
 
     @cached_property
     def candidates(self) -> list[Candidate]:
@@ -415,14 +373,13 @@ class Planner:
         factors = (self.family.variants[factor] for factor in ("size", "slowness"))
         for name, size, slow in product(self.family.candidates, *factors):
             text = f"{name}, {100.0 * size:g} %{f', slower x {slow:g}' if slow != 1.0 else ''}"
-            if (own := self.variant(text, name, size, slow)) is None:
-                continue
             with suppress(*UNABLE):
-                mission = anywhere.sailing(self.family, (own,))
+                mission = anywhere.sailing([own := self.variant(text, name, size, slow)])
                 mission.check(trial.vessel.dofs)
                 mission.check_limits(trial.vessel.limits_by_dof, trial.sample_time_s)
                 motion = self.known.sailed(mission)
-                told = self.known.information(motion)
+                J, _ = self.known.belief.free_runs(motion, trial.vessel.thruster)
+                told = experiment.information(J, self.known.deviation)
                 found.append(Candidate(text, mission.duration_s, motion, told, own))
         return found
 
@@ -438,40 +395,34 @@ class Planner:
             steps = family.variant("turn", share, MEASURED["turn"])
             u, v, r = self.known.sailed(replace(family, steps=steps)).nu[-1]
             found.append((float(np.hypot(u, v) / max(abs(r), 1e-9)), float(np.hypot(u, v))))
-        return *max(found), np.array([family.order(share) for share in sides])
+        return *max(found), np.array([family.at(share) for share in sides])
 
     def added(self, so_far: Sailed, candidate: Candidate) -> Sailed | None:
         """A sequence with one candidate more and a return, simulated; None: it does not fit."""
-        free = self.waters and self.waters.free()
-        start = np.array([*self.start[:2], np.radians(self.start[2])])
-        way = start if so_far.end is None else so_far.end, candidate.motion
-        for joined in self._joins(*way) if self.steered else ((),):
-            parts = closed = (*so_far.parts, *joined, candidate.own)
+        for joined in self._joins(so_far.end, candidate.motion):
+            parts = (*so_far.parts, joined, candidate.own)
             with suppress(*UNABLE):
-                motion = self.known.sailed(mission := self.sailing(self.family, parts))
+                motion = self.known.sailed(mission := self.sailing(parts))
                 end, inside = motion.eta[-1], True
-                if self.steered and free is not None:
-                    closed = (*parts, join(end, start, *self.circle, self.family.unit_s))
-                    motion = self.known.sailed(mission := self.sailing(self.family, closed))
-                    inside = shapely.LineString(motion.eta[:, :2]).within(free)
+                if self.free is not None:
+                    back = join(end, mission.start, *self.circle, self.family.unit_s)
+                    motion = self.known.sailed(mission := self.sailing((*parts, back)))
+                    inside = shapely.LineString(motion.eta[:, :2]).within(self.free)
                 if inside and mission.duration_s <= self.seconds:
-                    node = self.sailing(self.known.trial.config["excitation"], closed)
-                    return Sailed(parts, end, mission, motion, node)
+                    return Sailed(parts, end, mission, motion)
         return None
 
-    def _joins(self, end: Array, motion: Recording) -> Iterator[tuple[list[HelmStep], ...]]:
+    def _joins(self, end: Array, motion: Recording) -> Iterator[list[HelmStep]]:
         """No join, then paths, the shortest first, to where a motion is amid the widest water."""
-        yield ()
-        if self.waters is None:
+        yield []
+        if self.free is None:
             return
-        widest = shapely.get_coordinates(shapely.maximum_inscribed_circle(self.waters.free()))[0]
+        widest = shapely.get_coordinates(shapely.maximum_inscribed_circle(self.free))[0]
         middle = 0.5 * (np.min(motion.eta[:, :2], axis=0) + np.max(motion.eta[:, :2], axis=0))
+        begins = (np.array([*(widest - in_ned(middle, psi)), psi]) for psi in HEADINGS)
         settle_s = APPROACH * self.family.unit_s
-        ways = []
-        for psi in 2.0 * np.pi * np.arange(HEADINGS) / HEADINGS:
-            begin = np.array([*(widest - in_ned(middle, psi)), psi])
-            ways.append((join(end, begin, *self.circle, settle_s),))
-        yield from sorted(ways, key=lambda way: sum(step.seconds for step in way[0]))
+        ways = [join(end, begin, *self.circle, settle_s) for begin in begins]
+        yield from sorted(ways, key=lambda steps: sum(step.seconds for step in steps))
 
 
 def sequence(purpose: Purpose, target: float, planner: Planner) -> tuple[Sailed, float]:
@@ -479,12 +430,13 @@ def sequence(purpose: Purpose, target: float, planner: Planner) -> tuple[Sailed,
 
     Also returns half the interval after them. Raises ConfigurationError if not one of them fits.
     """
-    candidates, sailed = planner.candidates, Sailed()
+    candidates = planner.candidates
+    sailed = Sailed((), np.array(planner.start) * [1.0, 1.0, np.pi / 180.0])
     told = np.array([candidate.information for candidate in candidates])
     times, spent = np.array([candidate.seconds for candidate in candidates]), 0.0
     known = np.zeros(told.shape[1:])
     while purpose.width(known) > target:
-        order = ranked(purpose, known, told, times)
+        order = experiment.ranked(purpose, known, told, times)
         for number in [n for n in order if spent + times[n] <= planner.seconds][:TRIED]:
             if (more := planner.added(sailed, candidates[number])) is not None:
                 sailed, known, spent = more, known + told[number], more.mission.duration_s
@@ -504,12 +456,13 @@ def read_waters(path: Path, origin: Origin, clearance_m: float) -> Waters:
     """
     try:
         shapes = shapes_of(path.read_text(encoding="utf-8"))[1]
-        about = None if origin is None else origin[::-1]
-        parts = [part for _, shape in shapes for part in shapely.get_parts(in_metres(shape, about))]
+        placed = [in_metres(shape, origin and origin[::-1]) for _, shape in shapes]
     except (OSError, ConfigurationError) as error:
         raise ConfigurationError(f"{path}: cannot be read: {error}") from error
-    rings = [tuple(ring.coords[:-1]) for part in parts if part.geom_type == "Polygon"
-             for ring in (part.exterior, *part.interiors)]  # fmt: skip
+    polygons = [part for part in shapely.get_parts(placed) if part.geom_type == "Polygon"]
+    rings = [
+        tuple(ring.coords[:-1]) for each in polygons for ring in (each.exterior, *each.interiors)
+    ]
     if not rings:
         raise ConfigurationError(f"{path}: got no polygon, expected one of the area")
     return Waters(rings[0], rings[1:], clearance_m)
@@ -528,23 +481,21 @@ def write_files(
     """Write the excitation and the expected track: GeoJSON, a figure, and GPX with an origin."""
     from matplotlib.figure import Figure  # slow to import
 
-    folder.mkdir(parents=True, exist_ok=True)
-    names = ("excitation.yaml", "track.geojson", "track.svg", "track.gpx")
-    excitation, shape, picture, gpx = files = [folder / name for name in names]
-    plain = json.loads(json.dumps(node, default=vars))  # lists, no aliases
-    text = yaml.safe_dump(plain, sort_keys=False, width=100)
-    excitation.write_text(f"# Chosen by seatrial next.\n{text}", encoding="utf-8")
+    text = yaml.safe_dump(json.loads(json.dumps(node)), sort_keys=False, width=100)  # no aliases
     line = positions(motion.eta[:: max(1, round(1.0 / motion.period_s)), :2], origin).tolist()
-    shape.write_text(shapely.to_geojson(shapely.LineString(line)), encoding="utf-8")
+    track = shapely.to_geojson(shapely.LineString(line))
+    texts = {"excitation.yaml": f"# Chosen by seatrial next.\n{text}", "track.geojson": track}
+    if origin is not None:
+        points = "".join(f'<trkpt lat="{lat}" lon="{lon}"/>' for lon, lat in line)
+        head = f'<gpx version="1.1" creator="seatrial" xmlns="{GPX}">'
+        texts["track.gpx"] = f"{head}<trk><trkseg>{points}</trkseg></trk></gpx>\n"
+    folder.mkdir(parents=True, exist_ok=True)
+    for name, text in texts.items():
+        (folder / name).write_text(text, encoding="utf-8")
     figure = Figure(figsize=(6.0, 6.0), layout="constrained")
     axes = figure.add_subplot(xlabel="east [m]", ylabel="north [m]", aspect="equal")
     for name, ring in ({} if waters is None else waters.named).items():
         axes.fill(*np.array(ring)[:, ::-1].T, fill=name != "area", color="0.7")
     axes.plot(motion.eta[:, 1], motion.eta[:, 0])
-    figure.savefig(picture)
-    if origin is None:
-        return files[:-1]
-    track = "".join(f'<trkpt lat="{lat}" lon="{lon}"/>' for lon, lat in line)
-    track = f'<gpx version="1.1" creator="seatrial" xmlns="{GPX}"><trk><trkseg>{track}</trkseg>'
-    gpx.write_text(f"{track}</trk></gpx>\n", encoding="utf-8")
-    return files
+    figure.savefig(picture := folder / "track.svg")
+    return [*(folder / name for name in texts), picture]

@@ -47,7 +47,7 @@ def test_steps_last_their_time_and_train_what_they_say_and_some_are_needed() -> 
     whole = replace(mission, steps=steps[1:2]).split(t)
     assert np.any(whole.train)
     assert np.any(whole.test)
-    with pytest.raises(ConfigurationError, match="steps"):
+    with pytest.raises(ConfigurationError, match="duration_s = 0"):
         replace(mission, steps=())
 
 
