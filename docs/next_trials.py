@@ -164,7 +164,7 @@ def _sailed(
     planner: command.Planner, windy: Trial, candidate: command.Candidate, truth: Vessel, seed: int
 ) -> Recording:
     """The recording of the true vessel in noise and wind."""
-    mission = planner.sailing(planner.family, (candidate.own,))
+    mission = planner.sailing((candidate.own,))
     setup = prepare(windy, Streams(seed), windy.vessel.nominal(), mission, true=truth)
     voyage = setup.sail().voyage
     return recording_of(voyage, voyage.weather)
