@@ -238,8 +238,10 @@ def value_of(known: Known, name: str, tracked: Trial | None = None) -> Value:
     if np.any(own):
         return lambda u: (free.values + belief.basis @ u)[own]
     if name == "e_pos":
-        if tracked is None or skipped(tracked) is not None:
-            raise ConfigurationError("next: e_pos needs --after RUNS, the last with a controller")
+        why = None if tracked is None else skipped(tracked)
+        if tracked is None or why is not None:
+            need = "next: e_pos needs --after RUNS, the last with a controller"
+            raise ConfigurationError(need if why is None else f"{need}: {why}")
         mission, model = evaluated(tracked), belief.at(known.zero)
 
         def tracking(u: Array) -> Array:
