@@ -40,6 +40,7 @@ def test_steps_last_their_time_and_train_what_they_say_and_some_are_needed() -> 
     steps = HelmStep("turn", 10.0), HelmStep("hold", 5.0, 0.2), HelmStep("turn", 5.0)
     t, _, mission = _sailed("kvlcc2", *steps)
     assert mission.duration_s == 20.0
+    assert [*mission.rows()][1:] == [(5.0, "hold, delta 11.5 deg"), (5.0, "straight")]
     assert t[-1] == pytest.approx(20.0, abs=0.2)
     split = mission.split(t)
     assert np.array_equal(split.train, (t >= 10.0) & (t < 15.0))

@@ -108,6 +108,7 @@ def test_training_is_the_mix_and_testing_what_is_held_out() -> None:
     """Along a plan too, where passages lie between the sub-experiments."""
     for one, samples in ((mix(), 1200), (trial(*BASIN).excitation, 600)):
         split = one.split(PERIOD_S * np.arange(len(one.schedule)))
+        assert sum(seconds for seconds, _ in one.rows()) == pytest.approx(one.duration_s)
         assert np.sum(split.train) == 6 * samples
         assert np.sum(split.test) == 3 * samples
         assert not np.any(split.train & split.test)
