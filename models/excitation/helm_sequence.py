@@ -4,7 +4,7 @@ It is sailed from a sheet: every step lasts a time that is known before.
 """
 
 from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from typing import Annotated, Literal
 
 import numpy as np
@@ -66,16 +66,6 @@ class HelmSequence(SteeredMission):
     def ends_s(self) -> Array:
         """End of every step [s]."""
         return np.cumsum([step.seconds for step in self.steps])
-
-    def variant(self, name: str, size: float, slowness: float) -> tuple[HelmStep, ...]:
-        """The steps of a candidate, its orders times `size` and its times `slowness`."""
-        return tuple(
-            replace(
-                step, seconds=round(slowness * step.seconds * self.unit_s, 1),
-                order=self.at(size * step.order),
-            )
-            for step in (self.candidates or {})[name]
-        )  # fmt: skip
 
     def rows(self) -> Iterator[tuple[float, str]]:
         """Length [s] of each step, and what the helm does."""

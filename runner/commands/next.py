@@ -53,7 +53,7 @@ app = typer.Typer(name="seatrial next", pretty_exceptions_enable=False, add_comp
 main = partial(run_typer, app)  # of the words that follow `seatrial next`
 DRAWS = 400  # of the distribution of runs
 APPROACH = 3.0  # on a straight course before a manoeuvre [L / U]
-MEASURED = {"zigzag": 6.0, "turn": 4.0}  # slowness of the candidates that are measured
+MEASURED = {"zigzag": 60.0, "turn": 40.0}  # how long they are sailed [L / U]
 ZIGZAG_DEG, ZIGZAG_SHARE = 10.0, 0.3  # of it: its helm, or the share of one that is no angle
 EVERY = 25  # samples of a circle of which one is predicted
 JOIN_SHARE = 0.6  # of the largest helm, in joins
@@ -274,13 +274,13 @@ def value_of(known: Known, name: str, tracked: Trial | None = None) -> Value:
 
 def _reference(family: HelmSequence, kind: str) -> Mission:
     """The turning circle of the largest helm, or the zig-zag, to measure."""
-    share, name = 1.0, kind
-    if kind == "zigzag":
-        angle, name = np.radians(ZIGZAG_DEG), f"zigzag_{ZIGZAG_DEG:g}"
-        share = float(angle) / family.limits[1] if family.helm == "delta" else ZIGZAG_SHARE
-    own = family.variant(name, share, MEASURED[kind])
     approach = HelmStep("hold", APPROACH * family.unit_s, family.at(0.0))
-    return replace(family, steps=(approach, *own))
+    seconds, angle = round(MEASURED[kind] * family.unit_s, 1), float(np.radians(ZIGZAG_DEG))
+    own = HelmStep("hold", seconds, family.at(1.0))
+    if kind == "zigzag":
+        share = angle / family.limits[1] if family.helm == "delta" else ZIGZAG_SHARE
+        own = HelmStep("zigzag", seconds, family.at(share), ZIGZAG_DEG)
+    return replace(family, steps=(approach, own))
 
 
 class Candidate(NamedTuple):
@@ -342,10 +342,13 @@ class Planner:
 
         Raises ConfigurationError for a moment that is held: it has no time.
         """
+        family, own = self.family, self.family.candidates[name]
         if self.steered:
-            approach = HelmStep("turn", round(APPROACH * self.family.unit_s, 1))
-            return [approach, *self.family.variant(name, size, slowness)]
-        own = self.family.candidates[name]
+            steps = [HelmStep("turn", round(APPROACH * family.unit_s, 1))]
+            for step in own:
+                seconds = round(slowness * step.seconds * family.unit_s, 1)
+                steps.append(replace(step, seconds=seconds, order=family.at(size * step.order)))
+            return steps
         if not hasattr(own, "yaw_moment_nm"):
             amplitude = {dof: size * most for dof, most in own.amplitude.items()}
             return [(text, replace(own, amplitude=amplitude, time_scale=slowness * own.time_scale))]
@@ -393,9 +396,10 @@ class Planner:
         """
         family, found = self.family, []
         sides = JOIN_SHARE * family.input_signs[family.index] * np.array([-1.0, 1.0])
+        seconds = round(MEASURED["turn"] * family.unit_s, 1)
         for share in sides:
-            steps = family.variant("turn", share, MEASURED["turn"])
-            u, v, r = self.known.sailed(replace(family, steps=steps)).nu[-1]
+            turn = replace(family, steps=(HelmStep("hold", seconds, family.at(share)),))
+            u, v, r = self.known.sailed(turn).nu[-1]
             found.append((float(np.hypot(u, v) / max(abs(r), 1e-9)), float(np.hypot(u, v))))
         return *max(found), np.array([family.at(share) for share in sides])
 
