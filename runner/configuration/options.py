@@ -46,7 +46,8 @@ BOUNDS: dict[str, Callable[[Any], Bound]] = {
 EXPECTED = {
     "bool_type": "true or false", "dict_type": "a group of options", "list_type": "a list",
     "finite_number": "a finite number", "float_type": "a number", "int_type": "an integer",
-    "none_required": "null", "path_type": "a path", "string_type": "text", "tuple_type": "a list",
+    "none_required": "null", "path_type": "a path", "string_type": "text",
+    "too_short": "a longer list", "tuple_type": "a list",
 }  # fmt: skip
 
 
