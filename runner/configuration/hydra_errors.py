@@ -26,8 +26,10 @@ _NOISE = re.compile(r"^\s*(See https?:|Set the environment variable|object_type=
 
 
 def refuse_gone(words: Iterable[str]) -> None:
-    """Raise ConfigurationError for a word of the command line that is not supported any more."""
+    """Raise ConfigurationError for a word of the command line without an option that there is."""
     for word in words:
+        if not word.lstrip("+~").partition("=")[0].strip():
+            raise ConfigurationError(f"got {word!r}, expected option=value")
         if instead := replaced().get(f"seatrial {word}"):
             raise ConfigurationError(f"{word} is gone: {instead}")
 

@@ -29,7 +29,7 @@ from sqlalchemy.exc import (
 from sqlalchemy.pool import QueuePool
 from tenacity import retry, retry_if_exception_message, stop_after_delay, wait_fixed
 
-from seatrial.models.errors import LogbookError
+from seatrial.models.errors import ConfigurationError, LogbookError
 from seatrial.runner.database.terminal import refuse_passwords
 
 ENVIRONMENT = "SEATRIAL_DATABASE"  # variable with an address, which may hold a password
@@ -97,7 +97,12 @@ def parse(url: str | URL) -> Address:
 
 
 def url_of(place: str | Path) -> str:
-    """Return the address of a logbook that is given by its address, its file, or ENVIRONMENT."""
+    """Return the address of a logbook that is given by its address, its file, or ENVIRONMENT.
+
+    Raises ConfigurationError for anything that is neither text nor a path.
+    """
+    if not isinstance(place, str | Path):
+        raise ConfigurationError(f"database: got {place!r}, expected a file or an address")
     text = str(place)
     return text if "://" in text or text == ENVIRONMENT else file_url(Path(text))
 

@@ -31,6 +31,7 @@ if TYPE_CHECKING:
     from seatrial.runner.database.records import RunSummary, SweepStatus
     from seatrial.runner.sweeps.job import Outcome, PlannedTrial
 
+NOT_DRAWN = "seed: nothing is random, those that differ in it alone are one experiment"
 WARNINGS = 5  # that are counted at the end of a sweep
 LISTED = 20  # failed runs that a summary names; the command it prints shows all
 
@@ -77,12 +78,19 @@ def sweep_summary(
 
 
 def repeated_warnings(url: str, sweep_id: int) -> list[str]:
-    """Return the warnings that several runs of a sweep have stored, most frequent first."""
+    """Return the warnings that several runs of a sweep have stored, most frequent first.
+
+    The first is of runs that differ in the seed alone, although they drew nothing by it.
+    """
+    own = comparison.where.Condition(sweeps=(sweep_id,))
     with comparison.frame.open_results(url) as results:
-        told = results.warnings(comparison.where.Condition(sweeps=(sweep_id,)))
+        told, trials = results.warnings(own), results.trials(own)
+    alike = trials.loc[trials["streams"] == "", "of_experiment"].value_counts()
+    alike = alike[alike > 1]
+    again = [f"  {alike.sum()} runs: {NOT_DRAWN} ({len(alike)} in all)"] * bool(len(alike))
     repeated = sorted((one for one in told if one[1][1:]), key=lambda one: -len(one[1]))
     lines = [f"  {len(runs)} runs: {error_line(text)}" for text, runs in repeated[:WARNINGS]]
-    return lines + [f"  and {len(repeated) - WARNINGS} more"] * (len(repeated) > WARNINGS)
+    return again + lines + [f"  and {len(repeated) - WARNINGS} more"] * (len(repeated) > WARNINGS)
 
 
 def sweep_table(url: str, sweep_id: int, factors: Sequence[str]) -> list[str]:

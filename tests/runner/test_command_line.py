@@ -19,6 +19,8 @@ REFUSED = {
     "seed=": "seed: got '', expected an integer",
     "seed=1,2": "seed=1,2: several values, expected one (a sweep needs -m)",
     "seed": "'seed' cannot be read, expected option=value",
+    "=ls": "got '=ls', expected option=value",
+    "~": "got '~', expected option=value",
     "seed=${nowhere}": "seed: got ${nowhere}, which is no option",
     "+seed=2": "+seed: the option exists already, write seed=...",
     "~seed": "seed is missing",

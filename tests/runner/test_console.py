@@ -200,6 +200,16 @@ def test_a_sweep_shows_its_table(url: str, logbook: LogbookWriter) -> None:
     assert progress.sweep_table(url, sweep_id, []) == []
 
 
+def test_seeds_without_anything_random_are_one_experiment(url: str, logbook: LogbookWriter) -> None:
+    sweep_id = logbook.begin_sweep("sweep", "seatrial -m seed=0,1,2", [], 6)
+    for trial in range(6):
+        alike = make_start(trial, experiment=f"{trial // 3}", seed=trial % 3)
+        run = logbook.begin_run(alike, sweep_id)
+        logbook.finish_run(run.run_id, Results(drawn=["weather"] if trial < 3 else []))
+    lines = progress.repeated_warnings(url, sweep_id)
+    assert lines == [f"  3 runs: {progress.NOT_DRAWN} (1 in all)"]
+
+
 def test_a_sweep_ends_with_the_warnings_of_several_runs(url: str, logbook: LogbookWriter) -> None:
     told = {"short": 1, "weak\x1b[2J": 3}
     told |= dict.fromkeys("abcd", 2)  # as many as are shown

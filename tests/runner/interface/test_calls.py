@@ -172,3 +172,6 @@ def test_a_database_has_a_place(seatrial: Command, tmp_path: Path) -> None:
     assert len(st.open(tmp_path / "deep" / "ship.db").runs()) == 1
     with pytest.raises(st.LogbookError, match=r"results.db"):
         st.open()
+    for call in (st.run, st.sweep, st.open):
+        with pytest.raises(st.ConfigurationError, match="database: got 3, expected a file"):
+            call(3) if call is st.open else call([], database=3)
