@@ -30,7 +30,7 @@ class Bound(NamedTuple):
 
 
 def bound(bind: Callable[..., int], *parts: object) -> Bound:
-    """Bind parameters by the kernel for their role, which calls what `binder` gives."""
+    """Bind parameters by the kernel for their role, which calls what `entry` gives."""
     memory = np.zeros(MEMORY, np.uint8)
     return Bound(bind(memory, parts), memory)
 
@@ -40,66 +40,58 @@ def is_lean(step: Any) -> bool:
     return getattr(step, "targetoptions", {}).get("_nrt") is False
 
 
-def binder(step: Callable[..., None], *arguments: types.Type) -> Any:
-    """For kernels: a function (memory, parts) that copies parts and gives an address.
+def entry(step: Callable[..., None], *arguments: types.Type) -> tuple[Any, Any]:
+    """For kernels: a function that binds a step of such arguments, and one that calls it.
 
-    There it puts `step(*parts, *arguments)` as a function of the memory and of arguments of the
-    types given here, see `caller`.
+    The first, (memory, parts), copies parts, and gives the address of `step(*parts, *arguments)` as
+    a function of the memory and the arguments; the second, (address, memory, values), calls that.
     """
+    kinds = types.voidptr, *arguments
 
-    def typed(typingctx: Any, memory: types.Array, parts: Any) -> tuple[Any, Any]:
+    def typed_bind(typingctx: Any, memory: types.Array, parts: Any) -> tuple[Any, Any]:
         function = typingctx.resolve_value_type(step)
         called = typingctx.resolve_function_type(function, (*parts, *arguments), {})
 
         def emit(context: Any, builder: ir.IRBuilder, sig: Any, args: Any) -> ir.Value:
-            kept = context.get_value_type(parts)
+            kept, convention = context.get_value_type(parts), context.call_conv
             data = make_array(memory)(context, builder, args[0]).data
             builder.store(args[1], builder.bitcast(data, kept.as_pointer()))
             size = context.get_abi_sizeof(kept)
             assert size <= MEMORY, f"{parts}: {size} bytes of parameters, expected {MEMORY}"
-            kinds, convention = (types.voidptr, *arguments), context.call_conv
             kind = convention.get_function_type(types.none, kinds)
             name = builder.module.get_unique_name(f"{builder.function.name}.{step.__name__}")
-            entry = ir.Function(builder.module, kind, name)
-            entry.linkage = "internal"
-            inner = ir.IRBuilder(entry.append_basic_block())
-            own, *given = convention.decode_arguments(inner, kinds, entry)
+            made = ir.Function(builder.module, kind, name)
+            made.linkage = "internal"
+            inner = ir.IRBuilder(made.append_basic_block())
+            own, *given = convention.decode_arguments(inner, kinds, made)
             values = inner.load(inner.bitcast(own, kept.as_pointer()))
             code = context.get_function(function, called)
             context.add_linking_libs(getattr(code, "libs", ()))
             code(inner, [*cgutils.unpack_tuple(inner, values, len(parts)), *given])
             convention.return_value(inner, context.get_dummy_value())
-            return builder.ptrtoint(entry, ir.IntType(64))
+            return builder.ptrtoint(made, ir.IntType(64))
 
         return signature(types.int64, memory, parts), emit
 
-    return intrinsic(typed)
-
-
-def caller(*arguments: types.Type) -> Any:
-    """For kernels: a function (address, memory, values) that calls what `binder` has bound."""
-
-    def typed(
+    def typed_call(
         typingctx: Any, address: types.Type, memory: types.Array, values: Any
     ) -> tuple[Any, Any]:
         if tuple(values) != arguments:
             raise TypingError(f"a bound step: got {tuple(values)}, expected {arguments}")
 
         def emit(context: Any, builder: ir.IRBuilder, sig: Any, args: Any) -> ir.Value:
-            kinds, convention = (types.voidptr, *arguments), context.call_conv
-            kind = convention.get_function_type(types.none, kinds)
+            kind = context.call_conv.get_function_type(types.none, kinds)
             data = make_array(memory)(context, builder, args[1]).data
-            given = [builder.bitcast(data, context.get_value_type(types.voidptr))]
-            given += cgutils.unpack_tuple(builder, args[2], len(arguments))
+            given = [data, *cgutils.unpack_tuple(builder, args[2], len(arguments))]
             code = builder.inttoptr(args[0], kind.as_pointer())
-            status, _ = convention.call_function(builder, code, types.none, kinds, given)
+            status, _ = context.call_conv.call_function(builder, code, types.none, kinds, given)
             with cgutils.if_unlikely(builder, status.is_error):
-                convention.return_status_propagate(builder, status)
+                context.call_conv.return_status_propagate(builder, status)
             return context.get_dummy_value()
 
         return signature(types.none, address, memory, values), emit
 
-    return intrinsic(typed)
+    return intrinsic(typed_bind), intrinsic(typed_call)
 
 
 ROW = types.Array(types.float64, 1, "C")  # an argument: a row of numbers

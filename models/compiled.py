@@ -41,15 +41,7 @@ from numba.core.environment import lookup_environment
 from numba.core.registry import CPUDispatcher
 from numba.core.runtime.nrt import rtsys
 from numba.core.serialize import dumps
-from numba.core.types import (
-    BaseNamedTuple,
-    BaseTuple,
-    NamedTuple,
-    NamedUniTuple,
-    Tuple,
-    Type,
-    UniTuple,
-)
+from numba.core.types import BaseNamedTuple, BaseTuple, Type
 
 from seatrial.models.source_digest import (
     MODELS_FOLDER,
@@ -119,8 +111,10 @@ class _Cache(NullCache):
     def _label(self, sig: Signature) -> str:
         """The name of the kernel, and of the parameters in a tuple, see `bound`."""
         parts: Any = sig[-1:]
-        while type(parts) in (tuple, Tuple, UniTuple) and len(parts):
-            parts = parts[0]
+        while (
+            parts and isinstance(parts, tuple | BaseTuple) and not isinstance(parts, BaseNamedTuple)
+        ):
+            parts = cast(Any, parts)[0]
         named = isinstance(parts, BaseNamedTuple) and parts not in sig
         return f"{self._name} of {tuple_of(parts).__name__}" if named else self._name
 
@@ -272,9 +266,8 @@ def lean_kernel(function: F) -> F:
 
 def tuple_of(numba_type: object) -> type:
     """The named-tuple class of a numba type, for use in an `overload`."""
-    assert isinstance(numba_type, NamedTuple | NamedUniTuple)
-    tuple_class: type = numba_type.instance_class
-    return tuple_class
+    assert isinstance(numba_type, BaseNamedTuple)
+    return cast(Any, numba_type).instance_class  # type: ignore[no-any-return]
 
 
 def is_compiled(function: Callable[..., object]) -> bool:

@@ -102,6 +102,7 @@ class NearbyRuns:
             offset = error.scale * error.noise * rng.standard_normal(shape)
             course = course.with_offset(DEVIATION_SHARE * offset)
         process = DEVIATION_SHARE * error.accelerations(self.rho2, course.step_s, rng)
+        process = np.ascontiguousarray(process)  # another layout would be compiled again
         return course._replace(weather=course.weather._replace(process=process))
 
     def variance(self, runs: Iterable[Prediction]) -> Array:

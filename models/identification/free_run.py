@@ -12,16 +12,25 @@ packs (`seatrial.models.packs`); the latter sums their errors without storing tr
 from typing import Literal, NamedTuple
 
 import numpy as np
+from numba import types
 from numba.extending import register_jitable
 from numpy.typing import NDArray
 
+from seatrial.models.bound import Bound, bound, entry
 from seatrial.models.compiled import INNER, kernel, lean_kernel
 from seatrial.models.elementary import where
 from seatrial.models.errors import ConfigurationError, RecordingError
 from seatrial.models.notation import ACCELERATIONS, poses_of
 from seatrial.models.packs import WIDTH, as_packs
 from seatrial.models.recording.recording import Recording, following, held
-from seatrial.models.simulation.dynamics import WORK_SHAPE, Scratch, scratch_in, scratch_size, step
+from seatrial.models.simulation.dynamics import (
+    WORK_SHAPE,
+    Scratch,
+    scratch,
+    scratch_in,
+    scratch_size,
+    step,
+)
 from seatrial.models.vessel.basis import ANGLES, ATTITUDE, INPUTS, N_VARIABLES, VARIABLES, Array
 from seatrial.models.vessel.plant_table import Flags, Layout, PlantTable, bound_plant
 from seatrial.models.vessel.pose import (
@@ -195,15 +204,15 @@ def _follow(
 
 def predict(plant: PlantTable, course: Course, euler: bool, states: Array) -> float:
     """Write the states (N, n_pose + n_dof) that one model predicts; return the limited rates."""
-    return _predict(bound_plant(plant), course, euler, states)
+    n_dof = len(plant.axes)
+    work = scratch(len(plant.codes), n_dof, states.shape[1] - n_dof)
+    return _predict(bound_plant(plant), course, euler, states, work)
 
 
 @kernel
-def _predict(plant: PlantTable, course: Course, euler: bool, states: Array) -> float:
-    n_terms, n_dof = plant.codes.shape[0], plant.inverse_inertia.shape[0]
+def _predict(plant: PlantTable, course: Course, euler: bool, states: Array, work: Scratch) -> float:
+    n_dof = plant.axes.shape[0]
     n_pose = states.shape[1] - n_dof
-    size = scratch_size(n_terms, n_dof, n_pose)
-    work = scratch_in(np.zeros(size), np.zeros(WORK_SHAPE), n_terms, n_dof, n_pose)
     eta, nu = np.empty(n_pose), np.empty(n_dof)
     for k in range(states.shape[0]):
         _follow(plant, course, k, euler, eta, nu, work)
@@ -256,8 +265,8 @@ def spread(course: Course) -> Array:
 def _poses(kinematics: Kinematics, states: Array, poses: Array) -> None:
     frame = np.zeros((3, 3))
     for k in range(states.shape[0]):
-        if k > 0:
-            poses[k] = poses[k - 1]
+        for i in range(poses.shape[1] if k > 0 else 0):
+            poses[k, i] = poses[k - 1, i]
         pose_of(kinematics, states[k], frame, poses[k])
 
 
@@ -287,46 +296,58 @@ def _error(measured: float, e: float, metric: int) -> float:
     return where(scale > 0.0, share, 0.0)  # type: ignore[no-any-return]
 
 
-@register_jitable(**INNER)
-def _aligned(rows: int) -> Array:
-    """Zeros of shape (rows, WIDTH) with every row aligned to a cache line of 64 bytes."""
-    buffer = np.zeros(rows * WIDTH + 8)
+def _aligned(*shape: int) -> Array:
+    """Zeros of shape (..., WIDTH) with every row aligned to a cache line of 64 bytes."""
+    buffer = np.zeros(int(np.prod(shape)) * WIDTH + 8)
     first = (-buffer.ctypes.data // 8) % 8
-    return buffer[first : first + rows * WIDTH].reshape((rows, WIDTH))
+    return buffer[first : first + len(buffer) - 8].reshape((*shape, WIDTH))
 
 
 class _Lanes(NamedTuple):
-    """WIDTH candidates side by side: the numbers of their tables, and the same seen as packs."""
+    """The numbers of WIDTH candidates side by side, which kernels see as packs."""
 
     entries: Array  # (n_entries, WIDTH)
     inverse: Array  # (n_dof, n_dof, WIDTH)
     parameters: Array  # (n_parameters, WIDTH)
     states: Array  # (n_pose + n_dof, WIDTH)
+    vectors: Array  # (scratch_size, WIDTH)
+    matrices: Array  # (*WORK_SHAPE, WIDTH)
+
+
+def _lanes(structure: PlantTable, entries: Array, parameters: Array, n_state: int) -> _Lanes:
+    """Buffers for the candidates of a structure."""
+    n_dof = len(structure.axes)
+    size = scratch_size(len(structure.codes), n_dof, n_state - n_dof)
+    return _Lanes(
+        _aligned(len(entries)), _aligned(n_dof, n_dof), _aligned(len(parameters)),
+        _aligned(n_state), _aligned(size), _aligned(*WORK_SHAPE),
+    )  # fmt: skip
+
+
+class _Packed(NamedTuple):
+    """Candidates in packs: their tables, states and work space."""
+
     plant: PlantTable
-    state: Array  # (n_pose + n_dof,) packs
+    eta: Array
+    nu: Array
     work: Scratch
 
 
 @register_jitable(**INNER)
-def _lanes(
-    structure: PlantTable, n_entries: int, n_parameters: int, n_dof: int, n_pose: int
-) -> _Lanes:
-    """Buffers for the candidates of a structure."""
-    entries, parameters = _aligned(n_entries), _aligned(n_parameters)
-    inverse = _aligned(n_dof * n_dof).reshape((n_dof, n_dof, WIDTH))
+def _packed(structure: PlantTable, lanes: _Lanes) -> _Packed:
+    """The candidates whose numbers are in the lanes."""
     plant = PlantTable(
-        structure.codes, structure.term, structure.first, as_packs(entries),
-        as_packs(inverse), structure.coupled, structure.velocity_index,
+        structure.codes, structure.term, structure.first, as_packs(lanes.entries),
+        as_packs(lanes.inverse), structure.coupled, structure.velocity_index,
         structure.magnitudes, structure.aerodynamic, structure.turning, structure.speed,
-        structure.sideslip,
-        structure.inputs, structure.axes, structure.devices, as_packs(parameters),
+        structure.sideslip, structure.inputs, structure.axes, structure.devices,
+        as_packs(lanes.parameters),
     )  # fmt: skip
-    n_terms = structure.codes.shape[0]
-    vectors = _aligned(scratch_size(n_terms, n_dof, n_pose))
-    matrices = _aligned(72).reshape((*WORK_SHAPE, WIDTH))
-    work = scratch_in(as_packs(vectors), as_packs(matrices), n_terms, n_dof, n_pose)
-    states = _aligned(n_pose + n_dof)
-    return _Lanes(entries, inverse, parameters, states, plant, as_packs(states), work)
+    n_dof, state = structure.axes.shape[0], as_packs(lanes.states)
+    n_pose = state.shape[0] - n_dof
+    vectors, matrices = as_packs(lanes.vectors), as_packs(lanes.matrices)
+    work = scratch_in(vectors, matrices, structure.codes.shape[0], n_dof, n_pose)
+    return _Packed(plant, state[:n_pose], state[n_pose:], work)
 
 
 @register_jitable(**INNER)
@@ -344,7 +365,20 @@ def _load(lanes: _Lanes, entries: Array, inverse: Array, parameters: Array, begi
     return size
 
 
+@lean_kernel
+def _follow_packed(packed: _Packed, course: Course, euler: bool, k: int) -> None:
+    _follow(packed.plant, course, k, euler, packed.eta, packed.nu, packed.work)
+
+
+_put_packed, _call_packed = entry(_follow_packed, types.int64)
+
+
 @kernel
+def _bind_packed(memory: Array, parts: tuple[PlantTable, _Lanes, Course, bool]) -> int:
+    structure, lanes, course, euler = parts
+    return _put_packed(memory, (_packed(structure, lanes), course, euler))  # type: ignore[no-any-return]
+
+
 def predict_many(
     structure: PlantTable, entries: Array, inverse: Array, parameters: Array, course: Course,
     starts: Array, euler: bool, states: Array,
@@ -354,28 +388,32 @@ def predict_many(
     entries, inverse and parameters are those of `prediction_errors`; starts
     (n_starts, n_pose + n_dof, n) are the initial states of each prediction.
     """
-    n_dof, n = inverse.shape[0], inverse.shape[2]
-    n_state = states.shape[2]
-    n_pose = n_state - n_dof
-    lanes = _lanes(structure, entries.shape[0], parameters.shape[0], n_dof, n_pose)
-    eta, nu = lanes.state[:n_pose], lanes.state[n_pose:]
-    for begin in range(0, n, WIDTH):
-        size = _load(lanes, entries, inverse, parameters, begin)
-        piece = -1
-        for k in range(states.shape[1]):
-            if course.restart[k]:
-                piece += 1
-                for m in range(size):
-                    for i in range(n_state):
-                        lanes.states[i, m] = starts[piece, i, begin + m]
-            else:
-                _follow(lanes.plant, course, k, euler, eta, nu, lanes.work)
-            for m in range(size):
-                for i in range(n_state):
-                    states[begin + m, k, i] = lanes.states[i, m]
+    lanes = _lanes(structure, entries, parameters, states.shape[2])
+    step = bound(_bind_packed, structure, lanes, course, euler)
+    _predict_many(step, lanes, entries, inverse, parameters, course.restart, starts, states)
 
 
 @kernel
+def _predict_many(
+    step: Bound, lanes: _Lanes, entries: Array, inverse: Array, parameters: Array, restart: Flags,
+    starts: Array, states: Array,
+) -> None:  # fmt: skip
+    for begin in range(0, inverse.shape[2], WIDTH):
+        size = _load(lanes, entries, inverse, parameters, begin)
+        piece = -1
+        for k in range(states.shape[1]):
+            if restart[k]:
+                piece += 1
+                for m in range(size):
+                    for i in range(states.shape[2]):
+                        lanes.states[i, m] = starts[piece, i, begin + m]
+            else:
+                _call_packed(step.address, step.memory, (k,))
+            for m in range(size):
+                for i in range(states.shape[2]):
+                    states[begin + m, k, i] = lanes.states[i, m]
+
+
 def prediction_errors(
     structure: PlantTable, entries: Array, inverse: Array, parameters: Array, course: Course,
     euler: bool, metric: int, errors: Array, limited: Array,
@@ -385,24 +423,36 @@ def prediction_errors(
     entries (n_entries, n) and inverse (n_dof, n_dof, n) are the candidates' tables, parameters
     (n_parameters, n) those of their devices. The metric `mean_error` is the magnitude of the mean.
     """
+    lanes = _lanes(structure, entries, parameters, course.reached.shape[1])
+    n_dof = len(inverse)
+    sums, differences = _aligned(2 * n_dof + 1), _aligned(n_dof)
+    _prediction_errors(
+        structure, lanes, entries, inverse, parameters, course, euler, metric, sums, differences,
+        errors, limited,
+    )  # fmt: skip
+
+
+@kernel
+def _prediction_errors(
+    structure: PlantTable, lanes: _Lanes, entries: Array, inverse: Array, parameters: Array,
+    course: Course, euler: bool, metric: int, sums: Array, differences: Array, errors: Array,
+    limited: Array,
+) -> None:  # fmt: skip
     n_dof, n = inverse.shape[0], inverse.shape[2]
-    n_pose = course.reached.shape[1] - n_dof
-    lanes = _lanes(structure, entries.shape[0], parameters.shape[0], n_dof, n_pose)
-    eta, nu = lanes.state[:n_pose], lanes.state[n_pose:]
-    sums = _aligned(2 * n_dof + 1)
-    total, e = as_packs(sums), as_packs(_aligned(n_dof))
+    plant, eta, nu, work = _packed(structure, lanes)
+    total, e = as_packs(sums), as_packs(differences)
     for begin in range(0, n, WIDTH):
         size = _load(lanes, entries, inverse, parameters, begin)
         sums[:] = 0.0
-        lanes.work.limited[0] = 0.0
+        work.limited[0] = 0.0
         for k in range(course.measured.shape[0]):
-            _follow(lanes.plant, course, k, euler, eta, nu, lanes.work)
+            _follow(plant, course, k, euler, eta, nu, work)
             deviation(course.kinematics, course.reached[k], eta, e)
             for i in range(n_dof):
                 total[i] += _error(course.measured[k, i], e[i], metric)
                 y = course.measured[k, n_dof + i]
                 total[n_dof + i] += _error(y, nu[i] - y, metric)
-        total[2 * n_dof] = lanes.work.limited[0]
+        total[2 * n_dof] = work.limited[0]
         for m in range(size):
             limited[begin + m] = sums[2 * n_dof, m]
             for i in range(2 * n_dof):

@@ -93,12 +93,15 @@ def partial_least_squares(
     first, found, exhausted = 0.0, 0, False
     for a in range(orders):
         theta, own = coefficients[a], r[a]
-        theta += coefficients[max(a - 1, 0)]
+        for i in range(n_x if a > 0 else 0):  # loops, since slices cost a second of compiling
+            for k in range(n_y):
+                theta[i, k] += coefficients[a - 1, i, k]
         if exhausted:
             continue
         length = _dominant(left, w)
         first = max(first, length)
-        own += w
+        for i in range(n_x):
+            own[i] += w[i]
         for j in range(a):
             along = _product(loadings[:, j], w)
             for i in range(n_x):
@@ -117,7 +120,8 @@ def partial_least_squares(
                 left[i, k] -= e[i] * q
                 theta[i, k] += own[i] * q
             output[k, a] = q
-        weights[:, a], loadings[:, a] = w, e / variance
+        for i in range(n_x):
+            weights[i, a], loadings[i, a] = w[i], e[i] / variance
     return found
 
 

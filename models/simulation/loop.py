@@ -33,7 +33,6 @@ from seatrial.models.simulation.registry import (
 from seatrial.models.simulation.voyage import ALLOTTED, COMMANDED, Log, Voyage
 from seatrial.models.vessel.allocation import ALLOCATIONS, DeviceAllocation, Direct, allocate_step
 from seatrial.models.vessel.basis import Array
-from seatrial.models.vessel.kinematics import reference_in_body_kernel
 from seatrial.models.vessel.parameters import Plant
 from seatrial.models.vessel.plant_table import PlantTable, bound_plant
 from seatrial.models.vessel.pose import Kinematics, kinematics_of, pose_of, state_of
@@ -72,8 +71,9 @@ def _observe(
     for i in range(n_dof):
         log.nu_dot[k, i] = work.nu_dot[i]
     guide_step(guidance, guidance_state, k, log.eta_measured[k], log.setpoint[k])
-    reference_in_body_kernel(planar, reference, log.eta_d[k], log.nu_d[k], log.nu_dot_d[k])
-    reference_step(table, reference, log.setpoint[k])
+    reference_step(
+        table, reference, log.setpoint[k], planar, log.eta_d[k], log.nu_d[k], log.nu_dot_d[k]
+    )
     return True
 
 

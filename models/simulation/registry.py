@@ -13,9 +13,10 @@ import numpy as np
 from numba import types
 from numba.extending import overload
 
-from seatrial.models.bound import ROW, TABLE, Bound, binder, bound, caller, is_lean
-from seatrial.models.compiled import LEAN, kernel, lean_kernel, tuple_of
+from seatrial.models.bound import ROW, TABLE, Bound, bound, entry, is_lean
+from seatrial.models.compiled import LEAN, in_python, kernel, lean_kernel, tuple_of
 from seatrial.models.vessel.basis import Array
+from seatrial.models.vessel.kinematics import reference_in_body, reference_in_body_kernel
 
 Parameters: TypeAlias = Any  # the named tuple that a step is registered for; compiled by its type
 State: TypeAlias = Any  # state of a step: an array, or a named tuple of arrays
@@ -80,25 +81,40 @@ def _guide_step(
     return kernel
 
 
-def reference_step(table: Parameters, state: Array, setpoint: Array) -> None:
-    """Advance the reference model registered for the type of `table`; state (n_dof, 3)."""
+def reference_step(
+    table: Parameters, state: Array, setpoint: Array, planar: bool, eta_d: Array, nu_d: Array,
+    nu_dot_d: Array,
+) -> None:  # fmt: skip
+    """Write the reference in body axes, then advance the model registered for the type of `table`.
+
+    `state` is that of the model, shape (n_dof, 3); `bound` steps do both.
+    """
+    if isinstance(table, Bound):
+        _bound_reference_step(table, state, setpoint, planar, eta_d, nu_d, nu_dot_d)
+        return
+    reference_in_body(planar, state, eta_d, nu_d, nu_dot_d)
     REFERENCES[type(table)](table, state, setpoint)
 
 
-@overload(reference_step, jit_options=LEAN)
-def _reference_step(table: Parameters, state: State, setpoint: Array) -> Callable[..., None]:
+@overload(reference_step, jit_options=LEAN, strict=False)  # types in signatures may differ
+def _reference_step(table: Parameters, *others: object) -> Callable[..., None]:
+    if tuple_of(table) is Bound:
+        return in_python(_bound_reference_step)
     step = REFERENCES[tuple_of(table)]
 
-    def kernel(table: Parameters, state: State, setpoint: Array) -> None:
+    def kernel(
+        table: Parameters, state: State, setpoint: Array, planar: bool, eta_d: Array, nu_d: Array,
+        nu_dot_d: Array,
+    ) -> None:  # fmt: skip
+        reference_in_body_kernel(planar, state, eta_d, nu_d, nu_dot_d)
         step(table, state, setpoint)
 
     return kernel
 
 
-_CONTROLLER, _GUIDANCE, _REFERENCE = [ROW] * 7, (types.int64, ROW, ROW), (TABLE, ROW)
-_call_controller, _controller = caller(*_CONTROLLER), binder(control_step, *_CONTROLLER)
-_call_guidance, _guidance = caller(*_GUIDANCE), binder(guide_step, *_GUIDANCE)
-_call_reference, _reference = caller(*_REFERENCE), binder(reference_step, *_REFERENCE)
+_controller, _call_controller = entry(control_step, *[ROW] * 7)
+_guidance, _call_guidance = entry(guide_step, types.int64, ROW, ROW)
+_reference, _call_reference = entry(reference_step, TABLE, ROW, types.boolean, ROW, ROW, ROW)
 
 
 @lean_kernel
@@ -116,13 +132,16 @@ def _bound_guide_step(parameters: Bound, state: State, k: int, eta: Array, setpo
 
 
 @lean_kernel
-def _bound_reference_step(table: Bound, state: Array, setpoint: Array) -> None:
-    _call_reference(table.address, table.memory, (state, setpoint))
+def _bound_reference_step(
+    table: Bound, state: Array, setpoint: Array, planar: bool, eta_d: Array, nu_d: Array,
+    nu_dot_d: Array,
+) -> None:  # fmt: skip
+    arguments = state, setpoint, planar, eta_d, nu_d, nu_dot_d
+    _call_reference(table.address, table.memory, arguments)
 
 
 CONTROLLERS[Bound] = _bound_control_step
 GUIDANCE[Bound] = _bound_guide_step
-REFERENCES[Bound] = _bound_reference_step
 
 
 @kernel

@@ -10,7 +10,7 @@ from seatrial.models.recording.recording import Recording, attitude_of
 from seatrial.models.simulation.registry import Parameters, Timetable, reference_step
 from seatrial.models.vessel.allocation import DeviceAllocation
 from seatrial.models.vessel.basis import Array
-from seatrial.models.vessel.kinematics import in_body, reference_in_body_kernel
+from seatrial.models.vessel.kinematics import in_body
 from seatrial.models.vessel.parameters import Plant
 from seatrial.models.weather.weather import Weather
 
@@ -131,8 +131,7 @@ def _foresee(
     nu_dot_d: Array,
 ) -> None:  # fmt: skip
     for k in range(setpoints.shape[0]):
-        reference_in_body_kernel(planar, state, eta_d[k], nu_d, nu_dot_d)
-        reference_step(table, state, setpoints[k])
+        reference_step(table, state, setpoints[k], planar, eta_d[k], nu_d, nu_dot_d)
 
 
 def outlook(

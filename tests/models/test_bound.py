@@ -7,7 +7,7 @@ import pytest
 from numba.core.errors import TypingError
 from numba.extending import overload
 
-from seatrial.models.bound import ROW, Bound, binder, bound, caller, is_lean
+from seatrial.models.bound import ROW, Bound, bound, entry, is_lean
 from seatrial.models.compiled import LEAN, kernel, lean_kernel, tuple_of
 
 
@@ -54,7 +54,7 @@ def _apply(step: Any, x: Any) -> Any:
     return call
 
 
-_call, _bind = caller(ROW), binder(apply, ROW)
+_bind, _call = entry(apply, ROW)
 
 
 @kernel

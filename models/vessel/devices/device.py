@@ -23,7 +23,7 @@ import numpy as np
 from numba.extending import overload
 from numpy.typing import NDArray
 
-from seatrial.models.bound import MEMORY, ROW, binder, bound, caller
+from seatrial.models.bound import MEMORY, ROW, bound, entry
 from seatrial.models.compiled import LEAN, is_compiled, kernel, tuple_of
 from seatrial.models.errors import ConfigurationError
 from seatrial.models.packs import PACKS
@@ -227,8 +227,8 @@ def _exert(
     return apply
 
 
-_call_device, _device = caller(*[ROW] * 4), binder(exert, *[ROW] * 4)
-_call_device_of_packs, _device_of_packs = caller(*[PACKS] * 4), binder(exert, *[PACKS] * 4)
+_device, _call_device = entry(exert, *[ROW] * 4)
+_device_of_packs, _call_device_of_packs = entry(exert, *[PACKS] * 4)
 
 
 @kernel
