@@ -16,7 +16,7 @@ as an array of packs, shape (...).
 import operator
 from collections.abc import Callable, Sequence
 from functools import partial
-from typing import cast
+from typing import Any, TypeVar, cast
 
 import numpy as np
 from llvmlite import ir  # type: ignore[import-untyped]
@@ -32,10 +32,11 @@ from numba.extending import intrinsic, lower_builtin, lower_cast, overload, regi
 from numba.np.arrayobj import make_array, populate_array
 from numpy.typing import NDArray
 
-from seatrial.models.compiled import LEAN
+from seatrial.models.compiled import LEAN, tuple_of
 from seatrial.models.elementary import angle_of, cosine_and_sine, where
 
 Array = NDArray[np.float64]
+T = TypeVar("T")
 WIDTH = 32
 VECTOR = ir.VectorType(ir.DoubleType(), WIDTH)
 FLAGS = ir.VectorType(ir.IntType(1), WIDTH)
@@ -160,7 +161,20 @@ _overload(np.sin)(lambda x: (lambda x: cosine_and_sine(x)[1]) if x == PACK else 
 _overload(np.arctan2)(lambda y, x: (lambda y, x: angle_of(y, x)) if PACK in (y, x) else None)
 
 
-def _typed_view(typingctx: TypingContext, numbers: types.Array) -> Typed:
+def _typed_view(typingctx: TypingContext, numbers: Any) -> Typed:
+    if isinstance(numbers, types.BaseNamedTuple):
+        views = [_typed_view(typingctx, array) for array in cast(Any, numbers)]
+        whole = types.NamedTuple([sig.return_type for sig, _ in views], tuple_of(numbers))
+
+        def emit_each(
+            context: BaseContext, builder: ir.IRBuilder, sig: Signature, args: Sequence[ir.Value]
+        ) -> ir.Value:
+            parts = zip(views, cgutils.unpack_tuple(builder, args[0]), strict=True)
+            made = [view(context, builder, own, [part]) for (own, view), part in parts]
+            return context.make_tuple(builder, whole, made)
+
+        return whole(numbers), emit_each
+
     packs = types.Array(PACK, numbers.ndim - 1, "C", aligned=False)
 
     def emit(
@@ -182,8 +196,9 @@ def _typed_view(typingctx: TypingContext, numbers: types.Array) -> Typed:
     return packs(numbers), emit
 
 
-as_packs = cast(Callable[[Array], Array], intrinsic(_typed_view))
+as_packs = cast(Callable[[T], T], intrinsic(_typed_view))
 """View a contiguous array of numbers, shape (..., WIDTH), as an array of packs, shape (...).
 
-The view holds a reference to the buffer so that it is not freed while it is in use.
+The view holds a reference to the buffer so that it is not freed while it is in use. Named tuples of
+arrays are viewed as such of arrays of packs.
 """

@@ -23,14 +23,7 @@ from seatrial.models.errors import ConfigurationError, RecordingError
 from seatrial.models.notation import ACCELERATIONS, poses_of
 from seatrial.models.packs import WIDTH, as_packs
 from seatrial.models.recording.recording import Recording, following, held
-from seatrial.models.simulation.dynamics import (
-    WORK_SHAPE,
-    Scratch,
-    scratch,
-    scratch_in,
-    scratch_size,
-    step,
-)
+from seatrial.models.simulation.dynamics import Scratch, scratch, step
 from seatrial.models.vessel.basis import ANGLES, ATTITUDE, INPUTS, N_VARIABLES, VARIABLES, Array
 from seatrial.models.vessel.plant_table import Flags, Layout, PlantTable, bound_plant
 from seatrial.models.vessel.pose import (
@@ -296,11 +289,12 @@ def _error(measured: float, e: float, metric: int) -> float:
     return where(scale > 0.0, share, 0.0)  # type: ignore[no-any-return]
 
 
-def _aligned(*shape: int) -> Array:
+def _aligned(shape: tuple[int, ...]) -> Array:
     """Zeros of shape (..., WIDTH) with every row aligned to a cache line of 64 bytes."""
-    buffer = np.zeros(int(np.prod(shape)) * WIDTH + 8)
+    size = int(np.prod(shape)) * WIDTH
+    buffer = np.zeros(size + 8)
     first = (-buffer.ctypes.data // 8) % 8
-    return buffer[first : first + len(buffer) - 8].reshape((*shape, WIDTH))
+    return buffer[first : first + size].reshape((*shape, WIDTH))
 
 
 class _Lanes(NamedTuple):
@@ -310,17 +304,16 @@ class _Lanes(NamedTuple):
     inverse: Array  # (n_dof, n_dof, WIDTH)
     parameters: Array  # (n_parameters, WIDTH)
     states: Array  # (n_pose + n_dof, WIDTH)
-    vectors: Array  # (scratch_size, WIDTH)
-    matrices: Array  # (*WORK_SHAPE, WIDTH)
+    work: Scratch
 
 
 def _lanes(structure: PlantTable, entries: Array, parameters: Array, n_state: int) -> _Lanes:
     """Buffers for the candidates of a structure."""
     n_dof = len(structure.axes)
-    size = scratch_size(len(structure.codes), n_dof, n_state - n_dof)
+    work = scratch(len(structure.codes), n_dof, n_state - n_dof, _aligned)
     return _Lanes(
-        _aligned(len(entries)), _aligned(n_dof, n_dof), _aligned(len(parameters)),
-        _aligned(n_state), _aligned(size), _aligned(*WORK_SHAPE),
+        _aligned((len(entries),)), _aligned((n_dof, n_dof)), _aligned((len(parameters),)),
+        _aligned((n_state,)), work,
     )  # fmt: skip
 
 
@@ -336,17 +329,14 @@ class _Packed(NamedTuple):
 @register_jitable(**INNER)
 def _packed(structure: PlantTable, lanes: _Lanes) -> _Packed:
     """The candidates whose numbers are in the lanes."""
+    entries, inverse, parameters, state, work = as_packs(lanes)
     plant = PlantTable(
-        structure.codes, structure.term, structure.first, as_packs(lanes.entries),
-        as_packs(lanes.inverse), structure.coupled, structure.velocity_index,
-        structure.magnitudes, structure.aerodynamic, structure.turning, structure.speed,
-        structure.sideslip, structure.inputs, structure.axes, structure.devices,
-        as_packs(lanes.parameters),
+        structure.codes, structure.term, structure.first, entries, inverse, structure.coupled,
+        structure.velocity_index, structure.magnitudes, structure.aerodynamic, structure.turning,
+        structure.speed, structure.sideslip, structure.inputs, structure.axes, structure.devices,
+        parameters,
     )  # fmt: skip
-    n_dof, state = structure.axes.shape[0], as_packs(lanes.states)
-    n_pose = state.shape[0] - n_dof
-    vectors, matrices = as_packs(lanes.vectors), as_packs(lanes.matrices)
-    work = scratch_in(vectors, matrices, structure.codes.shape[0], n_dof, n_pose)
+    n_pose = state.shape[0] - structure.axes.shape[0]
     return _Packed(plant, state[:n_pose], state[n_pose:], work)
 
 
@@ -425,7 +415,7 @@ def prediction_errors(
     """
     lanes = _lanes(structure, entries, parameters, course.reached.shape[1])
     n_dof = len(inverse)
-    sums, differences = _aligned(2 * n_dof + 1), _aligned(n_dof)
+    sums, differences = _aligned((2 * n_dof + 1,)), _aligned((n_dof,))
     _prediction_errors(
         structure, lanes, entries, inverse, parameters, course, euler, metric, sums, differences,
         errors, limited,

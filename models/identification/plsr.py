@@ -50,6 +50,14 @@ def _product(a: Array, b: Array) -> float:
     return total
 
 
+@lean_kernel
+def _trace(a: Array) -> float:
+    total = 0.0
+    for i in range(a.shape[0]):
+        total += a[i, i]
+    return total
+
+
 @kernel
 def _dominant(left: Array, w: Array) -> float:
     """Write the dominant left singular vector of E'F (J, K) to w; return the singular value.
@@ -61,19 +69,23 @@ def _dominant(left: Array, w: Array) -> float:
     for k, m in np.ndindex(n_y, n_y):
         power[k, m] = _product(left[:, k], left[:, m])
     for _ in range(SQUARINGS if n_y > 1 else 0):
-        trace = np.trace(power)
+        trace = _trace(power)
         if trace <= 0.0:
             return 0.0
         for k, m in np.ndindex(n_y, n_y):
             square[k, m] = _product(power[k], power[:, m]) / (trace * trace)
         power, square = square, power
-    column = power[:, np.argmax(np.diag(power))]
+    largest = 0
+    for k in range(n_y):
+        largest = k if power[k, k] > power[largest, largest] else largest
+    column = power[:, largest]
     for i in range(n_x):
         w[i] = _product(left[i], column)
     length, norm = _product(w, w), _product(column, column)
     if length <= 0.0:
         return 0.0
-    w /= np.sqrt(length)
+    for i in range(n_x):
+        w[i] /= np.sqrt(length)
     return float(np.sqrt(length / norm))
 
 
@@ -109,7 +121,7 @@ def partial_least_squares(
         for i in range(n_x):
             e[i] = _product(xx[i], own)
         variance = _product(own, e)
-        least = EXHAUSTED * np.trace(xx) * _product(own, own)
+        least = EXHAUSTED * _trace(xx) * _product(own, own)
         exhausted = length <= EXHAUSTED * first or variance <= least
         if exhausted:
             continue

@@ -20,9 +20,9 @@ from collections.abc import Callable
 from typing import NamedTuple
 
 import numpy as np
-from numba.extending import overload, register_jitable
+from numba.extending import overload
 
-from seatrial.models.compiled import INNER, LEAN, lean_kernel, tuple_of
+from seatrial.models.compiled import LEAN, lean_kernel, tuple_of
 from seatrial.models.elementary import angle_of, where
 from seatrial.models.vessel.basis import INDEX, N_VARIABLES, REST_M_S, Array, features_kernel
 from seatrial.models.vessel.devices.device import FORCES, MAX_DEVICES, WAKE, exert
@@ -77,38 +77,22 @@ class Scratch(NamedTuple):
     wake: Array  # what each device leaves for those behind it
 
 
-@register_jitable(**INNER)
-def scratch_size(n_terms: int, n_dof: int, n_pose: int) -> int:
-    """Length of the array that holds the vectors of a work space."""
-    return 2 * N_VARIABLES + n_terms + 4 + 5 * n_dof + 3 * n_pose + FORCES + WAKE * MAX_DEVICES
+def scratch(
+    n_terms: int, n_dof: int, n_pose: int, zeros: Callable[..., Array] = np.zeros
+) -> Scratch:
+    """Work space for numbers of terms, velocities and pose coordinates, in two arrays of `zeros`.
 
-
-@register_jitable(**INNER)
-def scratch_in(vectors: Array, matrices: Array, n_terms: int, n_dof: int, n_pose: int) -> Scratch:
-    """Work space in two zero arrays of shapes (scratch_size,) and MATRICES.
-
-    `n_terms`, `n_dof` and `n_pose` are the numbers of terms, velocities and pose coordinates.
+    For packs these have one more axis, see `seatrial.models.packs`.
     """
-    z = vectors[: 2 * N_VARIABLES]
+    sizes = (
+        2 * N_VARIABLES, n_terms, 3, 1, *[n_dof] * 5, *[n_pose] * 3, FORCES, WAKE * MAX_DEVICES,
+    )  # fmt: skip
+    ends = np.cumsum(sizes)
+    vectors, matrices = zeros((ends[-1],)), zeros(WORK_SHAPE)
+    z, phi, *rest = (vectors[end - size : end] for size, end in zip(sizes, ends, strict=True))
     for i in (0, COS_PHI, COS_THETA, COS_PSI):  # level, and heading north
         z[i] = z[N_VARIABLES + i] = 1.0
-    phi = vectors[2 * N_VARIABLES : 2 * N_VARIABLES + n_terms]
-    rest = vectors[2 * N_VARIABLES + n_terms :]
-    of_nu, of_eta, n = rest[4:], rest[4 + 5 * n_dof :], n_dof
-    of_devices = of_eta[3 * n_pose :]
-    return Scratch(
-        z, phi, matrices[0], matrices[1], rest[:3], rest[3:4],
-        of_nu[:n], of_nu[n : 2 * n], of_nu[2 * n : 3 * n], of_nu[3 * n : 4 * n],
-        of_nu[4 * n : 5 * n], of_eta[:n_pose], of_eta[n_pose : 2 * n_pose],
-        of_eta[2 * n_pose : 3 * n_pose], of_devices[:FORCES],
-        of_devices[FORCES : FORCES + WAKE * MAX_DEVICES],
-    )  # fmt: skip
-
-
-def scratch(n_terms: int, n_dof: int, n_pose: int) -> Scratch:
-    """Work space of numbers."""
-    vectors = np.zeros(scratch_size(n_terms, n_dof, n_pose))
-    return scratch_in(vectors, np.zeros(WORK_SHAPE), n_terms, n_dof, n_pose)
+    return Scratch(z, phi, matrices[0], matrices[1], *rest)
 
 
 def rates(

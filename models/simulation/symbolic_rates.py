@@ -1,11 +1,12 @@
 """The equation of motion of a vessel as expressions, from the functions behind the kernels."""
 
+from functools import partial
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from seatrial.models.simulation.dynamics import WORK_SHAPE, rates, scratch_in, scratch_size
+from seatrial.models.simulation.dynamics import rates, scratch
 from seatrial.models.symbols import entries, in_symbols
 from seatrial.models.vessel.plant_table import PlantTable
 from seatrial.models.vessel.pose import Kinematics, Quaternion
@@ -34,9 +35,8 @@ def symbolic_rates(
         NONE, NONE, NONE, entries("force", n)[None] if disturbed else NONE,
         current_ned=entries("current", 2)[None], wind_ned=entries("wind", 2)[None],
     )  # fmt: skip
-    vectors = np.full(scratch_size(len(plant.codes), n, n_pose), 0.0, dtype=object)
-    matrices = np.full(WORK_SHAPE, 0.0, dtype=object)
-    work = scratch_in(vectors, matrices, len(plant.codes), n, n_pose)
+    zeros = partial(np.full, fill_value=0.0, dtype=object)
+    work = scratch(len(plant.codes), n, n_pose, zeros)
     in_symbols(rates)(
         kinematics, plant, eta, nu, acting, weather, 0, work, work.eta_dot, work.nu_dot
     )

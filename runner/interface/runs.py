@@ -283,7 +283,9 @@ def sweep(
     Returns the runs of the sweep, those that failed or diverged among them. Raises SeatrialError
     if a trial cannot be run (then none was started), or the workers were lost.
     """
-    trials = [trials] if isinstance(trials, str) else trials
+    trials = [trials] if isinstance(trials, str) or not isinstance(trials, Sequence) else trials
+    for wrong in (each for each in trials if not isinstance(each, str | Mapping)):
+        raise ConfigurationError(f"trials: got {wrong!r}, expected overrides or options by name")
     texts = [trial for trial in trials if isinstance(trial, str)]
     variants = [_texts(trial, database) for trial in trials if not isinstance(trial, str)]
     fixed = _texts(options if name is None else {"sweep.name": name, **options}, database)

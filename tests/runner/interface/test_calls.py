@@ -4,7 +4,9 @@ import logging
 import os
 import shlex
 import sys
+from functools import partial
 from pathlib import Path
+from typing import Any, cast
 
 import pandas as pd
 import pytest
@@ -162,6 +164,9 @@ def test_a_sweep_is_not_one_trial(seatrial: Command) -> None:
         st.run(experiment="jervan_table_4_10")
     with pytest.raises(st.ConfigurationError, match="Sweep parameters"):
         st.run(seed=range(3))
+    for wrong in (3, [3]):
+        with pytest.raises(st.ConfigurationError, match="trials: got 3, expected overrides or"):
+            st.sweep(cast(Any, wrong))
 
 
 def test_a_database_has_a_place(seatrial: Command, tmp_path: Path) -> None:
@@ -172,6 +177,9 @@ def test_a_database_has_a_place(seatrial: Command, tmp_path: Path) -> None:
     assert len(st.open(tmp_path / "deep" / "ship.db").runs()) == 1
     with pytest.raises(st.LogbookError, match=r"results.db"):
         st.open()
-    for call in (st.run, st.sweep, st.open):
+    wrong = cast(Any, 3)
+    for call in (partial(st.run, database=wrong), partial(st.sweep, [], database=wrong)):
         with pytest.raises(st.ConfigurationError, match="database: got 3, expected a file"):
-            call(3) if call is st.open else call([], database=3)
+            call()
+    with pytest.raises(st.ConfigurationError, match="database: got 3, expected a file"):
+        st.open(wrong)
