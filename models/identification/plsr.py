@@ -50,14 +50,6 @@ def _product(a: Array, b: Array) -> float:
     return total
 
 
-@lean_kernel
-def _trace(a: Array) -> float:
-    total = 0.0
-    for i in range(a.shape[0]):
-        total += a[i, i]
-    return total
-
-
 @kernel
 def _dominant(left: Array, w: Array) -> float:
     """Write the dominant left singular vector of E'F (J, K) to w; return the singular value.
@@ -69,23 +61,19 @@ def _dominant(left: Array, w: Array) -> float:
     for k, m in np.ndindex(n_y, n_y):
         power[k, m] = _product(left[:, k], left[:, m])
     for _ in range(SQUARINGS if n_y > 1 else 0):
-        trace = _trace(power)
+        trace = np.trace(power)
         if trace <= 0.0:
             return 0.0
         for k, m in np.ndindex(n_y, n_y):
             square[k, m] = _product(power[k], power[:, m]) / (trace * trace)
         power, square = square, power
-    largest = 0
-    for k in range(n_y):
-        largest = k if power[k, k] > power[largest, largest] else largest
-    column = power[:, largest]
+    column = power[:, np.argmax(np.diag(power))]
     for i in range(n_x):
         w[i] = _product(left[i], column)
     length, norm = _product(w, w), _product(column, column)
     if length <= 0.0:
         return 0.0
-    for i in range(n_x):
-        w[i] /= np.sqrt(length)
+    w /= np.sqrt(length)
     return float(np.sqrt(length / norm))
 
 
@@ -105,15 +93,12 @@ def partial_least_squares(
     first, found, exhausted = 0.0, 0, False
     for a in range(orders):
         theta, own = coefficients[a], r[a]
-        for i in range(n_x if a > 0 else 0):  # loops, since slices cost a second of compiling
-            for k in range(n_y):
-                theta[i, k] += coefficients[a - 1, i, k]
+        theta += coefficients[max(a - 1, 0)]
         if exhausted:
             continue
         length = _dominant(left, w)
         first = max(first, length)
-        for i in range(n_x):
-            own[i] += w[i]
+        own += w
         for j in range(a):
             along = _product(loadings[:, j], w)
             for i in range(n_x):
@@ -121,7 +106,7 @@ def partial_least_squares(
         for i in range(n_x):
             e[i] = _product(xx[i], own)
         variance = _product(own, e)
-        least = EXHAUSTED * _trace(xx) * _product(own, own)
+        least = EXHAUSTED * np.trace(xx) * _product(own, own)
         exhausted = length <= EXHAUSTED * first or variance <= least
         if exhausted:
             continue
@@ -132,8 +117,7 @@ def partial_least_squares(
                 left[i, k] -= e[i] * q
                 theta[i, k] += own[i] * q
             output[k, a] = q
-        for i in range(n_x):
-            weights[i, a], loadings[i, a] = w[i], e[i] / variance
+        weights[:, a], loadings[:, a] = w, e / variance
     return found
 
 
