@@ -14,7 +14,7 @@ which is what a fit of free runs (`free_run_fit.py`) leaves open. For terms of a
 
 from collections.abc import Callable, Sequence
 from contextlib import suppress
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -51,6 +51,11 @@ class Belief:
         """The model at coordinates u (m,); devices stay in their ranges."""
         return self.free.model(self.free.nominal, self.free.values + self.basis @ u)
 
+    def about(self, u: Array) -> "Belief":
+        """The same doubt about the model at coordinates u (m,)."""
+        values = self.free.values + self.basis @ u
+        return Belief(replace(self.free, nominal=self.at(u), values=values), self.basis)
+
     def gradient(self, value: Value, u: Array) -> tuple[Array, Array]:
         """z (k,) and G = dz/du (k, m) at u (m,), by regression over draws.
 
@@ -70,10 +75,13 @@ class Belief:
             )
         return own, np.linalg.lstsq(near[known], change[known], rcond=None)[0].T
 
-    def free_runs(self, motion: Recording, lag: SecondOrderLag | None) -> tuple[Array, Array]:
+    def free_runs(
+        self, motion: Recording, lag: SecondOrderLag | None, deviation: Array
+    ) -> tuple[Array, Array]:
         """J (N, n_dof, m) of a motion and what p_hat does not explain (N, n_dof) [m/s, rad/s].
 
-        Both without what the initial velocities explain.
+        Both without what the initial velocities explain, by least squares over the deviations
+        (n_dof,) of errors.
         """
         length_s, size = restart_length(self.free.nominal, motion), np.hypot.reduce(self.basis.T)
         runs = FreeRuns(segments(motion, self.free, lag, None, length_s), size)
@@ -81,7 +89,8 @@ class Belief:
         point = runs.point(np.zeros(len(size)), np.zeros(states))
         J, by_start = runs.slopes(point)
         both = np.concatenate([J @ self.basis, point.rest[..., None]], axis=2)
-        left = runs.project(by_start, both)[0].reshape(both.shape)
+        scale = deviation[:, None]
+        left = scale * runs.project(by_start / scale, both / scale)[0].reshape(both.shape)
         return left[..., :-1], left[..., -1]
 
 
@@ -94,7 +103,8 @@ def information(J: Array, deviation: Array) -> Array:
 def doubted(model: Vessel, doubt: float) -> Belief:
     """A model of whose parameters nothing is known but a doubt, half the 90 % interval over size.
 
-    Accelerations, dimensions and densities are taken as known.
+    Accelerations, dimensions and densities are taken as known, and so is what lies at the end of
+    its range: it is the form of a law, such as a thrust that is quadratic.
     """
     installed = model.installed
     rows = zip(installed.labels, installed.bounds, installed.parameters, strict=True)
@@ -103,7 +113,11 @@ def doubted(model: Vessel, doubt: float) -> Belief:
         free_parameters(
             model, [label for label, term in table if term.name not in ACCELERATIONS], "free", False
         ),
-        [label for label, bounds, value in rows if value and bounds.unit not in KNOWN_UNITS],
+        [
+            label
+            for label, bounds, value in rows
+            if bounds.low < value < bounds.high and value and bounds.unit not in KNOWN_UNITS
+        ],
     )
     return Belief(free, np.diag(np.abs(free.values)) * doubt / NORMAL_90)
 

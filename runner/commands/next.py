@@ -197,8 +197,10 @@ def after_runs(trials: Sequence[Trial]) -> Known:
     belief = experiment.learnt(
         result.model, [*result.draws(DRAWS, DEVIATION_SHARE)], DEVIATION_SHARE
     )
-    J, rest = belief.free_runs(recording, last.vessel.thruster)
-    deviation = np.sqrt(np.mean(rest**2, axis=0))
+    deviation = np.ones(len(recording.dofs))
+    for _ in range(2):
+        J, rest = belief.free_runs(recording, last.vessel.thruster, deviation)
+        deviation = np.sqrt(np.mean(rest**2, axis=0))
     deviation *= np.sqrt(
         np.quantile(np.linalg.eigvalsh(experiment.information(J, deviation)), 0.75)
     )
@@ -383,7 +385,9 @@ class Planner:
                 mission.check(trial.vessel.dofs)
                 mission.check_limits(trial.vessel.limits_by_dof, trial.sample_time_s)
                 motion = self.known.sailed(mission)
-                J, _ = self.known.belief.free_runs(motion, trial.vessel.thruster)
+                J, _ = self.known.belief.free_runs(
+                    motion, trial.vessel.thruster, self.known.deviation
+                )
                 told = experiment.information(J, self.known.deviation)
                 found.append(Candidate(text, mission.duration_s, motion, told, own))
         return found

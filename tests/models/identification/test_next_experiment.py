@@ -58,7 +58,7 @@ def test_draws_tell_their_covariance() -> None:
 
 def test_derivatives_are_those_of_free_runs_without_what_the_start_explains() -> None:
     motion = _motion(BELIEF.at(np.zeros(2)))
-    J, rest = BELIEF.free_runs(motion, None)
+    J, rest = BELIEF.free_runs(motion, None, np.array([0.2]))
     assert rest == pytest.approx(np.zeros((N, 1)), abs=1e-9)
     step = 1e-4
 
