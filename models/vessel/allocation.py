@@ -41,6 +41,7 @@ from seatrial.models.vessel.thruster import Input
 
 REACHED = 1e-9  # relative tolerance within which an applied force equals the commanded one
 IDLE = 1e-3  # of its largest thrust, below which an azimuth keeps its direction
+ROUNDED = 0.005  # [rad] by which the limits of an azimuth may be rounded: 1.57, 3.14
 # Largest force of a T200 thruster ahead and astern [N] at supplied voltages [V]; Hoyer, section 4.2
 T200 = np.array([[14.0, 44.1, 34.5], [16.0, 51.4, 39.2]])
 HALVINGS = 40  # of the interval that contains the share of an unreachable force
@@ -226,8 +227,10 @@ def _turned(table: DeviceTable, t: int, direction: float, thrust: float) -> floa
     for side in range(1 if thrust > table.astern[t] else 2):
         for turn in range(-2, 3):
             angle = direction - neutral + np.pi * side + 2.0 * np.pi * turn
-            if low <= angle <= high and abs(angle - last) < best - 1e-9:
-                best, table.held[t], sign = abs(angle - last), angle, 1.0 - 2.0 * side
+            within = low - ROUNDED <= angle <= high + ROUNDED
+            if within and abs(angle - last) < best - 1e-9:
+                best, sign = abs(angle - last), 1.0 - 2.0 * side
+                table.held[t] = min(max(angle, low), high)
     return sign * thrust
 
 
@@ -427,6 +430,7 @@ class DeviceAllocation:
             ahead, astern = thrust_at(device, limits.high), thrust_at(device, limits.low)
             if device.alpha:
                 turn = self.inputs[device.alpha].high - self.inputs[device.alpha].low
+                turn += 2.0 * ROUNDED
                 ahead = ahead if turn >= 2.0 * np.pi else min(ahead, astern)
                 if turn < np.pi or not ahead:
                     raise ConfigurationError(f"{device.alpha}: not every direction is reached")
