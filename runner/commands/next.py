@@ -34,7 +34,6 @@ from seatrial.models.planning.geojson import in_metres, shapes_of
 from seatrial.models.planning.planner import Waters
 from seatrial.models.recording.recording import Recording, end_to_end
 from seatrial.models.simulation.manoeuvre_sheet import DEVIATION_SHARE, Measures, sheet, track_of
-from seatrial.models.simulation.metrics import position_error
 from seatrial.models.vessel.basis import Array
 from seatrial.models.vessel.kinematics import in_ned
 from seatrial.runner.compare.cli import run_typer
@@ -46,6 +45,7 @@ from seatrial.runner.record.vocabulary import GROUPS
 from seatrial.runner.sweeps import in_process
 from seatrial.runner.trials.checks import evaluated, skipped
 from seatrial.runner.trials.closed_loop import Streams, prepare
+from seatrial.runner.trials.deployment_metrics import mission_metrics
 from seatrial.runner.trials.manoeuvre_results import UNABLE, sailed
 from seatrial.runner.trials.trial import excite, identify
 
@@ -247,8 +247,9 @@ def value_of(known: Known, name: str, tracked: Trial | None = None) -> Value:
         mission, model = evaluated(tracked), belief.at(known.zero)
 
         def tracking(u: Array) -> Array:
-            log = prepare(tracked, Streams(0), model, mission, True, belief.at(u)).sail().voyage.log
-            return np.array([np.mean(position_error(log.eta_d, log.eta))])
+            setup = prepare(tracked, Streams(0), model, mission, True, belief.at(u))
+            rows = mission_metrics(setup.sail(), "identified")
+            return np.array([row.value for row in rows if row.name == "e_pos_mae"], dtype=float)
 
         return tracking
     if name == "FIT":
