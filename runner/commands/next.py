@@ -507,6 +507,6 @@ def write_files(
     axes = figure.add_subplot(xlabel="east [m]", ylabel="north [m]", aspect="equal")
     for name, ring in ({} if waters is None else waters.named).items():
         axes.fill(*np.array(ring)[:, ::-1].T, fill=name != "area", color="0.7")
-    axes.plot(motion.eta[:, 1], motion.eta[:, 0])
+    axes.plot(motion.eta[:, 1], motion.eta[:, 0], marker="o", markevery=[0])  # from there
     figure.savefig(picture := folder / "track.svg")
     return [*(folder / name for name in texts), picture]
