@@ -174,12 +174,11 @@ def d_optimal(candidates: list[command.Candidate]) -> list[command.Candidate]:
 def _steady_wind(data: Recording) -> Recording:
     """A recording with the mean of the measured wind, in which the noise of single samples is not.
 
-    It is constant over the ground, (N, 2) in body axes [m/s]. Free runs hold it there over each
-    sample, in which the vessel turns on: it is that of the middle of the sample.
+    It is constant over the ground, (N, 2) in body axes [m/s].
     """
     assert data.wind is not None
-    turned, turn = np.exp(1j * data.eta[:, 2]), 0.5 * data.period_s * data.nu[:, 2]
-    wind = np.mean((data.wind @ [1.0, 1j]) * turned) / (turned * np.exp(1j * turn))
+    turned = np.exp(1j * data.eta[:, 2])
+    wind = np.mean((data.wind @ [1.0, 1j]) * turned) / turned
     return replace(data, wind=np.column_stack([wind.real, wind.imag]))
 
 

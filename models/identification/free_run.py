@@ -25,6 +25,7 @@ from seatrial.models.packs import WIDTH, as_packs
 from seatrial.models.recording.recording import Recording, following, held
 from seatrial.models.simulation.dynamics import Scratch, scratch, step
 from seatrial.models.vessel.basis import ANGLES, ATTITUDE, INPUTS, N_VARIABLES, VARIABLES, Array
+from seatrial.models.vessel.kinematics import in_body
 from seatrial.models.vessel.plant_table import Flags, Layout, PlantTable, bound_plant
 from seatrial.models.vessel.pose import (
     Euler,
@@ -54,7 +55,7 @@ class Course(NamedTuple):
 
     kinematics: Kinematics
     acting: Array  # (N, 3, n): forces or inputs at the start, middle and end of each sample
-    weather: Weather  # the wind in body axes, held over each sample, where it was measured
+    weather: Weather  # the wind in body axes at the middle of each sample, where it was measured
     measured: Array  # (N, 2 n_dof) measured pose and velocity
     reached: Array  # (N, n_pose + n_dof) measured states
     start: Array  # (N, n_pose + n_dof) initial states, used where a prediction begins
@@ -114,7 +115,10 @@ def course_of(
     empty = np.zeros((0, len(recording.dofs)))
     weather = Weather(empty, empty, empty, empty)
     if recording.wind is not None:
-        weather = weather._replace(wind_body=np.ascontiguousarray(recording.wind))
+        turn = np.zeros(len(measured))  # to the middle: what blows stays where it is over a sample
+        if "yaw" in recording.dofs:
+            turn = 0.5 * recording.period_s * recording.nu[:, recording.dofs.index("yaw")]
+        weather = weather._replace(wind_body=np.ascontiguousarray(in_body(recording.wind, turn)))
     return Course(
         kinematics, acting, weather, measured, reached, reached, restart, recording.period_s, limit,
         limit if acceleration is None else acceleration,

@@ -21,13 +21,13 @@ from seatrial.models.identification.validation import prediction
 from seatrial.models.notation import DOFS, PLANAR
 from seatrial.models.recording.recording import Recording, attitude_of
 from seatrial.models.vessel.basis import terms
-from seatrial.models.vessel.kinematics import angle_rate, frame_of_angles
+from seatrial.models.vessel.kinematics import angle_rate, frame_of_angles, in_body
 from seatrial.models.vessel.pose import Euler, Quaternion, displaced, state_of
 from seatrial.models.vessel.table import Vessel
 from seatrial.models.vessel.thruster import SecondOrderLag
 from seatrial.runner.trials.closed_loop import Streams
 from seatrial.runner.trials.trial import excite
-from tests.trials import composed
+from tests.trials import composed, excited
 
 FAR = 1e6
 EXAMPLES = ("surge", "ferry", "blown ferry", "beluga in angles")
@@ -96,7 +96,8 @@ def integrated(model, recording, integrator):
 
     def rate(k, state, tau):
         eta, nu = state[:n], state[n:]
-        wind = None if recording.wind is None else recording.wind[k][None]
+        turn = 0.5 * h * recording.nu[k, -1]  # in the plane; the wind of the middle of the sample
+        wind = None if recording.wind is None else in_body(recording.wind[k], turn)[None]
         nu_dot = model.forward(tau[None], nu[None], attitude_of(model.dofs, eta[None]), wind)[0]
         return np.concatenate([pose_rate(eta, nu, model.dofs), nu_dot])
 
@@ -117,6 +118,20 @@ def test_prediction_is_the_integrated_equation_of_motion(example, name, integrat
     expected = integrated(model, recording, integrator)
     assert np.max(np.abs(expected[:, len(model.dofs) :])) > 0.1
     np.testing.assert_allclose(predicted, expected, rtol=1e-10, atol=1e-10)
+
+
+def test_steady_wind_stays_where_it_is_while_the_vessel_turns_within_a_sample():
+    """The true model's error falls with the square of the sample time, and is small."""
+    errors = []
+    for period_s in (0.1, 0.2):
+        problem, truth = excited(
+            "vessel=milliampere", "disturbance=wind", f"sample_time_s={period_s}"
+        )
+        run = prediction(truth, problem.training, problem.thruster)
+        rest = run.free_run[0] - run.course.measured
+        errors.append(np.sqrt(np.mean(rest[:, 3:] ** 2, axis=0)))
+    assert np.max(errors[0] / np.std(problem.training.nu, axis=0)) < 5e-4
+    assert np.min(np.log2(errors[1] / errors[0])) > 1.7
 
 
 def tumbling(vessel, n=300):
