@@ -246,10 +246,8 @@ def by_devices(table: DeviceTable, tau: Array, applied: Array) -> None:
         if table.alpha[t] >= 0:
             ahead, aside = thrust, table.forces.u[at + 1]
             thrust = np.sqrt(ahead * ahead + aside * aside)
-            if thrust > IDLE * table.forces.high[t]:
-                thrust = _turned(table, t, np.arctan2(aside, ahead), thrust)
-            else:
-                thrust = 0.0
+            idle = thrust <= IDLE * table.forces.high[t]
+            thrust = 0.0 if idle else _turned(table, t, np.arctan2(aside, ahead), thrust)
             applied[table.alpha[t]] = table.held[t]
         applied[table.drive[t]] = input_of(thrust, table.curve[t])
 
@@ -429,8 +427,7 @@ class DeviceAllocation:
             fixed, limits, angle = device.alpha is None, self.inputs[device.drive], device.angle_rad
             ahead, astern = thrust_at(device, limits.high), thrust_at(device, limits.low)
             if device.alpha:
-                turn = self.inputs[device.alpha].high - self.inputs[device.alpha].low
-                turn += 2.0 * ROUNDED
+                turn = self.inputs[device.alpha].high - self.inputs[device.alpha].low + 2 * ROUNDED
                 ahead = ahead if turn >= 2.0 * np.pi else min(ahead, astern)
                 if turn < np.pi or not ahead:
                     raise ConfigurationError(f"{device.alpha}: not every direction is reached")
