@@ -58,6 +58,12 @@ def _row(seconds: float, asked: float, more: str = "") -> dict[str, Any]:
     } | short  # fmt: skip
 
 
+@pytest.fixture(scope="module", autouse=True)
+def bytecode() -> None:
+    """Write the bytecode of packages and sources, as an installation does."""
+    completed(sys.executable, "-m", "compileall", "-q", sys.prefix, ROOT)
+
+
 @pytest.fixture(scope="module")
 def commands(tmp_path_factory: pytest.TempPathFactory) -> Commands:
     """Commands that begin on an empty cache."""
