@@ -126,7 +126,7 @@ bands: $(VENV)/demo.stamp
 
 # The true coefficients differ from the nominal ones by 30 %, or not. The recording is that of an open
 # loop, the same for every controller. A run that fails or diverges is kept, and counted. The supply
-# vessel, 15 times as long as the ferry, is sampled four times as slowly.
+# vessel, 15 times as long as the ferry, is sampled a fifth as often.
 DOCKED := nmpc,mpc_integral,pid_ff
 define DOCKING
 $(BIN)/python -m runner -m excitation=prbs evaluation=docking 'disturbance=calm,[wind,noise],[wind_current,noise]' \
@@ -136,7 +136,7 @@ $(BIN)/python -m runner -m excitation=prbs evaluation=docking 'disturbance=calm,
 endef
 docking: $(VENV)/test.stamp  # with CasADi, for nmpc
 	$(DOCKING) vessel=milliampere,cybership2 $(KEPT)
-	$(DOCKING) vessel=supply_vessel sample_time_s=0.4 $(KEPT)
+	$(DOCKING) vessel=supply_vessel sample_time_s=0.5 $(KEPT)
 	$(BIN)/python docs/refresh.py docs.docking
 	$(BIN)/python -m runner vessel=milliampere excitation=prbs evaluation=docking 'disturbance=[wind,noise]' controller=nmpc \
 	    plant.scale=0.7 model_error=false seed=3 results_dir=results/docking_film $(KEPT)
