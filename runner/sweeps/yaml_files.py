@@ -1,6 +1,6 @@
 """The source of the YAML files of a configuration, with parts that are no options of it.
 
-`vessel=path.yaml` and `excitation=path.yaml` are files from the working folder, and `vessel=run:17`
+`vessel=path.yaml` is a file from the working folder, as of every group of a trial, `vessel=run:17`
 the identified model of run 17 in the logbook of the trial, as `seatrial-results model 17 --to yaml`
 writes it.
 """
@@ -25,7 +25,7 @@ from seatrial.runner import database, export
 from seatrial.runner.configuration import vessel_options
 from seatrial.runner.configuration.invocation import in_words
 from seatrial.runner.configuration.search_path import CONF
-from seatrial.runner.record.vocabulary import Config
+from seatrial.runner.record.vocabulary import GROUPS, Config
 
 TRIAL = "trial"  # the primary configuration
 WHOLE = "+vessel={"
@@ -37,10 +37,10 @@ _PLACES = re.compile(r"\+?(results_dir|database(\.url)?|experiment)=")
 
 def file_of(config_path: str) -> Path | None:
     """Return the file that a path of the configuration, `vessel/tug.yaml`, names; else None."""
-    group = next((name for name in (GROUP, "excitation/") if config_path.startswith(name)), None)
-    if group is None or not config_path.endswith(".yaml"):
+    group, _, name = config_path.partition("/")
+    if group not in GROUPS or not name.endswith(".yaml"):
         return None
-    path = Path(config_path.removeprefix(group)).absolute()
+    path = Path(name).absolute()
     return path if path.is_file() else None
 
 
