@@ -119,7 +119,7 @@ class Queries:
         `option` is the command-line option that the message begins with.
         """
         if name not in COLUMNS and name not in self.keys:
-            expected = meant(name, [*COLUMNS, *sorted(self.keys)], 3) or (
+            expected = meant(name, sorted({*COLUMNS, *self.keys}), 3) or (
                 f"expected one of {', '.join(COLUMNS)} or a dotted name of the configuration"
             )
             raise ConfigurationError(f"{option}: {name!r} is not known; {expected.rstrip()}")

@@ -31,7 +31,8 @@ def file_track(
     """
     if map_file is None or length_m is None:
         missing = "--map" if map_file is None else "--length"
-        raise ConfigurationError(f"manoeuvres: {path} is a file, expected {missing}")
+        got = f"the file {path}" if path.exists() else f"{path}, which is neither run nor file"
+        raise ConfigurationError(f"manoeuvres: got {got}, expected {missing}")
     reader = reader_of(path, read_map(map_file))
     if (name := helm or HELM) not in reader.columns.inputs:
         known = ", ".join(reader.columns.inputs) or "none"
