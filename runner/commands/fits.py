@@ -31,7 +31,11 @@ def main(words: Sequence[str]) -> int:
     for word in words:
         group, _, name = word.partition("=")
         if not is_group(group) or not name or (group != "vessel" and "," in name):
-            raise ConfigurationError(f"fits: got {word!r}, expected vessel=NAME or GROUP=OPTION")
+            flag, one = group.lstrip("-"), name.partition(",")[0] or group
+            kinds = [flag] if is_group(flag) else ["vessel", *CHOSEN]
+            hints = [f"did you mean {kind}={one}? " for kind in kinds if one in options(kind)][:1]
+            expected = "".join([*hints, "expected vessel=NAME or GROUP=OPTION"])
+            raise ConfigurationError(f"fits: got {word!r}, {expected}")
     given = dict(word.split("=", 1) for word in words)
     vessels = given.pop("vessel").split(",") if "vessel" in given else options("vessel")
     alike = defaultdict[object, dict[str, dict[str, Fit]]](dict)  # by what fits, and by vessel
