@@ -36,10 +36,11 @@ from hydra._internal.hydra import Hydra
 from hydra._internal.utils import _run_hydra, get_args_parser
 
 from seatrial.models.errors import ConfigurationError
-from seatrial.runner.configuration import invocation
+from seatrial.runner.configuration import invocation, search_path
 from seatrial.runner.configuration.hydra_errors import EXPECTED, one_line, refuse_gone
 from seatrial.runner.configuration.search_path import CONF, UserFolders, hidden, is_group
 from seatrial.runner.database.terminal import error_line, refuse_passwords
+from seatrial.runner.record.vocabulary import GROUPS
 from seatrial.runner.sweeps.composition import left_to_jobs, spread, with_numbers
 from seatrial.runner.sweeps.console import NewWarnings
 from seatrial.runner.sweeps.in_process import register
@@ -59,6 +60,7 @@ MEANT = {
     "run": "{trial} option=value ...",
     "help": "{trial} --help",
     "list": "{results} runs",
+    "sweep": "{trial} -m option=a,b ...",
     "version": "{trial} --version",
 }
 VARIANT = "--variant"  # options that change together in a sweep
@@ -130,14 +132,14 @@ def _parsed(words: list[str], session: Session) -> Namespace:
     Raises ConfigurationError for those that are wrong.
     """
     parser = get_args_parser()
-    parser.error = _refuse  # type: ignore[method-assign]
+    parser.error, parser.allow_abbrev = _refuse, False  # type: ignore[method-assign]
     parser.add_argument(VARIANT, action="append", default=[], type=variant)
     arguments, unknown = parser.parse_known_intermixed_args(words)
-    for flag in unknown:
-        name, equals, value = flag.lstrip("-").partition("=")
-        value = value if equals else [*words, "NAME"][words.index(flag) + 1]
+    for flag in [] if words[0].isidentifier() else unknown:
+        name, equals, value = flag.lstrip("-").replace("-", "_").partition("=")
+        value = value if equals else [*words, "..."][words.index(flag) + 1]
         hint = invocation.meant(flag, ["--version", *parser._option_string_actions]).rstrip()
-        hint = f"did you mean {name}={value}?" if is_group(name) else hint
+        hint = f"did you mean {name}={value}?" if search_path.is_option(name) else hint
         raise ConfigurationError(f"unknown flag {flag}, {hint or 'see --help'}")
     refuse_gone(arguments.overrides)
     for word in filter(str.isidentifier, arguments.overrides):
@@ -206,9 +208,12 @@ def _meant(word: str) -> str:
     group = word if is_group(word) else word.removesuffix("s")
     if is_group(group):
         return _named(f"expected {group}=NAME; {{trial}} --help lists the names")
+    if word not in MEANT and search_path.is_option(word):
+        return f"expected {word}=..."
     from seatrial.runner.compare.__main__ import names  # slow to import
 
-    known = {name: f"{{results}} {name}" for name in names()}
+    known = {name: f"{group}={name}" for group in GROUPS for name in search_path.options(group)}
+    known |= {name: f"{{results}} {name}" for name in names()}
     known |= {name: f"{{trial}} {name}" for name in COMMANDS} | MEANT
     hint = invocation.meant(word, known, shown=known.__getitem__).rstrip()
     return _named(hint or "expected option=value")

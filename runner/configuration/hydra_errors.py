@@ -48,7 +48,7 @@ def one_line(error: BaseException, overrides: Sequence[str] = ()) -> str:
         return _unknown_option(match["key"], overrides)
     if (ours := in_words(text, key)) != text:
         return ours
-    if text.startswith("Config group override must be"):  # a name, such as null
+    if text.startswith("Config group override must be") or isinstance(error, TypeError):
         for group, _, value in (override.partition("=") for override in overrides):
             if _NO_NAME.fullmatch(value) and (known := options(group)):
                 return f"{group}: got {value}, expected one of {', '.join(known)}"
@@ -59,7 +59,12 @@ def one_line(error: BaseException, overrides: Sequence[str] = ()) -> str:
 
 
 def _missing_option(group: str, name: str, known: Iterable[str]) -> str:
+    if not group.startswith("hydra/"):  # what follows a group is a path
+        group, slash, folder = group.partition("/")
+        name = f"{folder}{slash}{name}"
     text = f"{group}={name}"
+    if name.endswith((".yaml", ".yml")):
+        return f"{group}: there is no file {name}"
     if text in replaced():
         return f"{text} is gone: {replaced()[text]}"
     if (extra := LAUNCHERS.get(name)) and group == "hydra/launcher":
@@ -87,10 +92,13 @@ def _unknown_option(key: str, overrides: Sequence[str]) -> str:
     ):
         for option, _ in leaves(OmegaConf.to_container(compose("trial", overrides=choices))):
             known.update(accumulate(option.split("."), "{}.{}".format))
-    node, _, leaf = key.rpartition(".")
-    parts = {name.partition("[")[0].rpartition(".") for name in known} - {(node, ".", "_target_")}
-    beside = sorted(name for parent, _, name in parts if parent == node)
+    node, leaf, beside = key, key, list[str]()
+    while node and not beside:  # the nearest that has options
+        node, _, leaf = node.rpartition(".")
+        parts = {name.partition("[")[0].rpartition(".") for name in known}
+        beside = sorted({name for parent, _, name in parts if parent == node} - {"_target_"})
     hint = meant(leaf, beside, shown=lambda name: f"{node}.{name}".lstrip("."))
+    hint = f"{leaf} as it is chosen has no options" if leaf in beside else hint
     if not hint:
         hint = f"expected one of {', '.join(beside)}" if node and beside else meant(key, known)
     return f"{key}: unknown option, {hint.rstrip() or f'see {trial_program()} --cfg job'}"

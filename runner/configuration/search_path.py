@@ -79,6 +79,12 @@ def is_group(name: str) -> bool:
     return any((folder / name).is_dir() for folder in (CONF, *user_folders()))
 
 
+def is_option(name: str) -> bool:
+    """Whether a trial has an option of this name, or the first of its names with dots."""
+    first = name.partition(".")[0]
+    return is_group(first) or f"\n{first}:" in (CONF / "trial.yaml").read_text(encoding="utf-8")
+
+
 def hidden() -> Iterator[str]:
     """Yield a warning for each file of the user that differs from one of an earlier folder."""
     folders = [CONF, *user_folders()]

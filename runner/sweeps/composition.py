@@ -401,8 +401,8 @@ def spread(words: Sequence[str]) -> list[str]:
         elif "_target_" in value:
             result += [f"~{group}", f"+{group}={text}"]
         elif "name" in value:
-            expected = "expected options or both"
-            raise ConfigurationError(f"{group}: got name without _target_, {expected}")
+            expected = f"expected {group}={value['name']}, or options without a name"
+            raise ConfigurationError(f"{group}: got a name without _target_, {expected}")
         else:
             result += [f"{group}.{key}={text_of(item)}" for key, item in value.items()]
     return result
