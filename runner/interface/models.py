@@ -1,6 +1,6 @@
 """Recordings, vessels and identified models as objects: read, fitted, simulated, sailed again."""
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, fields, replace
 from pathlib import Path
 from typing import Any, NoReturn, Self, TypeAlias, cast
@@ -72,6 +72,8 @@ class Recording(Displayed, recordings.Recording):
 
         Raises RecordingError if a column is missing, a number not finite, or the steps not equal.
         """
+        if not isinstance(frame, pd.DataFrame | Mapping):
+            raise RecordingError(f"frame: got {type(frame).__name__}, expected columns by name")
         frame = pd.DataFrame(frame)
         if isinstance(frame.index, pd.DatetimeIndex) and "t" not in frame:
             frame = frame.set_axis((frame.index - frame.index.min()).total_seconds().rename("t"))
@@ -181,18 +183,18 @@ class Model(Displayed):
             velocity: at the start [m/s, rad/s], shape (n_dof,); zero by default.
         """
         n_dof, inputs = len(self.dofs), self.parameters.input_names
-        names = list(inputs or self.dofs)
+        names, what = list(inputs or self.dofs), "inputs" if inputs else "force"
         if isinstance(force, Mapping | pd.DataFrame):
             frame = pd.DataFrame(force).rename(columns=lambda name: str(name).removeprefix("tau_"))
             if frame.empty or set(frame) - set(names):
-                raise ConfigurationError(f"force: got {list(frame)}, expected some of {names}")
+                raise ConfigurationError(f"{what}: got {list(frame)}, expected some of {names}")
             force = frame.reindex(columns=names, fill_value=0.0).to_numpy()
         if not min(period_s, step_s) > 0.0:
             raise ConfigurationError(f"period_s, step_s: got {period_s}, {step_s}, expected > 0")
-        command = array_of(force, "force")
+        command = array_of(force, what)
         if command.ndim != 2 or command.shape[1] != len(names) or not len(command):
             raise ConfigurationError(
-                f"force: got shape {command.shape}, expected (N, {len(names)})"
+                f"{what}: got shape {command.shape}, expected (N, {len(names)})"
             )
         still, start = np.zeros((len(command), n_dof)), {}
         for name, values in {"pose": pose, "velocity": velocity}.items():
@@ -252,7 +254,7 @@ class Model(Displayed):
         replaces files. Returns their paths.
         """
         if self.stored is None:
-            raise ConfigurationError("save: got a model of no run, expected that of a stored run")
+            raise ConfigurationError("save: got a model that is not stored, expected that of a run")
         return model_formats.write(self.stored, to, Path(output) if output else None, at, force)
 
     def _shown(self) -> TextTable:
@@ -312,11 +314,15 @@ def fitted(
 
 def joined(data: Recordings, vessel: VesselParameters) -> recordings.Recording:
     """Return data as one recording, each command filtered from rest unless it was before a cut."""
-    listed = [data] if isinstance(data, KINDS) else list(data)
+    several = isinstance(data, Iterable) and not isinstance(data, KINDS)
+    listed = [*data] if several else [data]
     if not listed or not all(isinstance(each, KINDS) for each in listed):
         kinds = {type(each).__name__ for each in listed} or {"nothing"}
         raise ConfigurationError(f"X: got {', '.join(kinds)}, expected recordings or frames")
     parts = [Recording.from_frame(x) if isinstance(x, pd.DataFrame) else x for x in listed]
+    for dofs in {x.dofs for x in parts} - {vessel.dofs}:
+        expected = f"those of {vessel.name}, {', '.join(vessel.dofs)}"
+        raise ConfigurationError(f"X: got {', '.join(dofs)}, expected {expected}")
     known = [x if x.tau_filtered is not None else x.with_thruster(vessel.thruster) for x in parts]
     return recordings.end_to_end(known)
 

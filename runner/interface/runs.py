@@ -100,7 +100,8 @@ class Logbook(Displayed):
             known = results.metric_names()
             chosen = [names] if isinstance(names, str) else names or known
             for name in {*chosen} - {*known}:
-                raise ConfigurationError(f"names: no metric {name!r} here. {meant(name, known, 3)}")
+                hint = meant(name, known, 3) or f"expected some of {', '.join(known)}"
+                raise ConfigurationError(f"names: no metric {name!r}, {hint.rstrip()}")
             numbers = results.metrics(chosen, condition)
             choices = results.trials(condition)[[*GROUPS, "seed"]].astype({"seed": "int64"})
         frame = numbers.join(choices, on="run", how="inner")
@@ -205,13 +206,15 @@ class Run(Displayed):
         metric. Raises ConfigurationError if the run has no such number, or several.
         """
         with self.logbook.opened() as results:
-            same = [row for row in results.reader.metrics(self.number) if row.name == name]
+            rows = results.reader.metrics(self.number)
+        same = [row for row in rows if row.name == name]
         own = [row for row in same if (row.dof, row.model) == (dof, model)]
         own = [row for row in own if stage in (None, row.stage)]
         if len(own) != 1:
             known = ", ".join(sorted({f"{row.dof} of {row.model}" for row in same}))
             got = f"got {len(own)} numbers {name} with dof {dof} of model {model}, expected one"
-            raise ConfigurationError(f"run {self.number}: {got}, has {known or 'no such metric'}")
+            known = known or f"no such metric. {meant(name, {row.name for row in rows}, 3)}".strip()
+            raise ConfigurationError(f"run {self.number}: {got}, has {known}")
         return float("nan") if own[0].value is None else own[0].value
 
     def plot(self, kind: str, ax: "Axes | None" = None, **options: Any) -> "Figure":
@@ -258,6 +261,8 @@ def run(*overrides: str, database: str | Path | None = None, **options: object) 
     Raises RunFailed, which has the run, if the trial failed or diverged, else SeatrialError with
     the line that the command prints.
     """
+    for wrong in (each for each in overrides if not isinstance(each, str)):
+        raise ConfigurationError(f"overrides: got {wrong!r}, expected text such as 'seed=1'")
     call = in_process.run_trial([*_texts(options, database), *place_of(database), *overrides])
     if not (call.outcome and call.logbook and call.outcome.run_id):
         raise SeatrialError(str(call.outcome and call.outcome.error))

@@ -43,7 +43,8 @@ def overrides_of(options: Mapping[str, object]) -> list[str]:
         key = name.replace("__", ".")
         given = part_of(value, key) if key in GROUPS else value
         if given is None and key in GROUPS:
-            raise ConfigurationError(f"{key}: got None or a model of no run, expected a choice")
+            got = "None or a model that is not stored"
+            raise ConfigurationError(f"{key}: got {got}, expected a choice")
         texts.append(f"{key}={text_of(given, key)}")
     return texts
 
@@ -87,7 +88,8 @@ def text_of(value: object, key: str) -> str:
             return "{" + ",".join(inner) + "}"
         case Iterable():
             return "[" + ",".join(text_of(item, key) for item in value) + "]"
-    raise ConfigurationError(f"{key}: got a {type(value).__name__}, expected a value or a part")
+    expected = "expected text, numbers or an object of a group"
+    raise ConfigurationError(f"{key}: got {type(value).__name__}, {expected}")
 
 
 def place_of(path: str | Path | None) -> list[str]:

@@ -105,6 +105,8 @@ def test_errors_are_the_line_of_the_command(seatrial: Command) -> None:
             st.run(**options)  # type: ignore[arg-type]
         assert str(caught.value) == line
         assert caught.value.__suppress_context__ or caught.value.__context__ is None
+    with pytest.raises(st.ConfigurationError, match="overrides: got 3, expected text such as"):
+        st.run(3)
     with pytest.raises(st.SeatrialError) as caught:
         st.sweep([options], progress=False)
     assert line in str(caught.value)

@@ -48,6 +48,8 @@ def test_a_bad_frame_is_refused(frame: pd.DataFrame) -> None:
     ):
         with pytest.raises(st.RecordingError, match=message):
             st.Recording.from_frame(wrong)
+    with pytest.raises(st.RecordingError, match="frame: got int, expected columns by name"):
+        st.Recording.from_frame(3)  # type: ignore[arg-type]
     with pytest.raises(st.ConfigurationError, match="resample: unknown option, did you mean resam"):
         st.Recording.from_frame(frame, resample=10.0)
 

@@ -24,6 +24,8 @@ def test_a_run_is_its_rows(run: st.Run) -> None:
         st.ConfigurationError, match="got 0 numbers e_pos_mae with dof all of model"
     ):
         run.metric("e_pos_mae")
+    with pytest.raises(st.ConfigurationError, match=r"no such metric\. did you mean e_pos_m"):
+        run.metric("e_pos")
 
 
 def test_a_tracking_error_is_the_mean_of_its_series(run: st.Run) -> None:

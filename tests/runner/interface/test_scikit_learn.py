@@ -114,3 +114,7 @@ def test_errors_are_one_line(recording: st.Recording) -> None:
         st.Estimator("plsr", selection="test").fit(recording)
     with pytest.raises(NotFittedError, match="is not fitted yet"):
         st.Estimator("ls").score(recording)
+    with pytest.raises(st.ConfigurationError, match="X: got int, expected recordings"):
+        st.Estimator("ls").fit(3)
+    with pytest.raises(st.ConfigurationError, match="X: got surge, sway, yaw, expected those of"):
+        st.Estimator("ls", vessel="surge_linear").fit(recording)

@@ -10,6 +10,7 @@ from hypothesis import strategies as any_
 
 from seatrial.models.errors import ConfigurationError
 from seatrial.runner.configuration.config import build_trial
+from seatrial.runner.configuration.search_path import CONF
 from seatrial.runner.interface.shell import overrides_of, place_of, text_of
 from seatrial.runner.record.vocabulary import GROUPS
 from seatrial.runner.sweeps.composition import spread
@@ -90,11 +91,18 @@ def test_a_mapping_with_a_target_replaces_the_group() -> None:
     assert min(controller.ki) > 0.0  # type: ignore[union-attr]  # from the vessel
 
 
+def test_a_group_takes_a_path() -> None:
+    names = dict(zip(GROUPS, ("otter", "noise", "prbs", "ls", "lqi", "square"), strict=True))
+    for group, name in names.items():
+        own = composed(overrides_of({group: CONF / group / f"{name}.yaml"}))
+        assert own.config == composed([f"{group}={name}"]).config
+
+
 def test_what_is_no_value_is_refused() -> None:
-    with pytest.raises(ConfigurationError, match="seed: got a object, expected a value"):
+    with pytest.raises(ConfigurationError, match="seed: got object, expected text, numbers or"):
         overrides_of({"seed": object()})
     for group in GROUPS:
-        with pytest.raises(ConfigurationError, match=f"{group}: got name without _target_, expec"):
+        with pytest.raises(ConfigurationError, match=f"{group}: got a name without _target_"):
             composed(overrides_of({group: {"name": "tug"}}))
 
 
