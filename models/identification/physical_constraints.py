@@ -379,11 +379,11 @@ def solve(
         solution, active = _quadratic_program(H, g + H @ start, rows.A / root, rows.b, active)
         change = np.clip(solution / root, *constraints.changes)
         cuts = constraints.cuts(change)
-        if cuts is None:
+        if cuts is None or np.any(rows.A @ (solution / root) < rows.b - ROW_TOLERANCE):
             break
         rows = rows + cuts
-    else:
-        change = constraints.longest(change)  # beside exact data rounding leaves it far outside
+    if cuts is not None:  # rounding leaves it outside: of exact data, or of a table far outside
+        change = constraints.longest(change)
     return change - at, tuple(dict.fromkeys(rows.names[i] for i in active))
 
 

@@ -127,19 +127,22 @@ def _fill(node: object, key: str, numbers: _Numbers, cls: type | None = None) ->
 
 
 Choice = Mapping[str, str]
-SUITED_GROUPS = ("excitation", "controller")
-NONE = "none"  # the controller of an open loop
-SUITED: Mapping[str, Sequence[tuple[str, str]]] = {  # the second pair: with or without a controller
-    "by force in the plane": (("waypoints", "pid_ff"), ("prbs", NONE)),
-    "by force": (("constant_velocity", "pid_ff"), ("prbs", NONE)),
-    "by helm": (("heading_changes", "autopilot"), ("rudder_zigzag", NONE)),
-    "by other inputs": (("input_prbs", NONE), ("heading_changes", "autopilot")),
+SUITED_GROUPS = ("excitation", "controller", "evaluation")
+NONE, REPLAY = "none", "replay"  # the controller of an open loop, the evaluation by the excitation
+# The second row: with or without a controller.
+SUITED: Mapping[str, Sequence[tuple[str, str, str]]] = {
+    "by force in the plane": (("waypoints", "pid_ff", REPLAY), ("prbs", NONE, REPLAY)),
+    "by force": (("constant_velocity", "pid_ff", REPLAY), ("prbs", NONE, REPLAY)),
+    "by helm": (("rudder_zigzag", "autopilot", "heading_changes"), ("rudder_zigzag", NONE, REPLAY)),
+    "by other inputs": (("input_prbs", NONE, REPLAY), ("heading_changes", "autopilot", REPLAY)),
 }
 HELM = "delta"  # the input of `autopilot`
 
 
 def suited_parts(vessel: Config, words: Sequence[str]) -> Choice:
-    """Return the excitation and the controller of a vessel; none for one that is invalid.
+    """Return excitation, controller and evaluation of a vessel; none for one that is invalid.
+
+    An excitation that is named is evaluated by itself.
 
     Args:
         vessel: its node.
@@ -148,9 +151,10 @@ def suited_parts(vessel: Config, words: Sequence[str]) -> Choice:
     named = {key.lstrip("+"): name for key, _, name in (word.partition("=") for word in words)}
     controller = named.get("controller", "")
     closed = controller not in ("", NONE) or _closed(named.get("excitation", ""))
-    pairs = SUITED.get(_family(vessel), ())
-    fitting = (pair for pair in pairs if not (closed if pair[1] == NONE else controller == NONE))
-    return dict(zip(SUITED_GROUPS, next(fitting, ()), strict=False))
+    rows = SUITED.get(_family(vessel), ())
+    fitting = (row for row in rows if not (closed if row[1] == NONE else controller == NONE))
+    chosen = dict(zip(SUITED_GROUPS, next(fitting, ()), strict=False))
+    return chosen | {"evaluation": REPLAY} if chosen and "excitation" in named else chosen
 
 
 def _closed(excitation: str) -> bool:

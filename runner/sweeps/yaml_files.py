@@ -62,9 +62,9 @@ def node_of(run_id: int, overrides: Sequence[str]) -> Config:
 class FileConfigSource(file_config_source.FileConfigSource):
     """Hydra's source of configuration files, with files of the working folder and models of runs.
 
-    Vessels choose the excitation and the controller that suit them (`suited_parts`), beside what is
-    named; one that is given whole does so in the defaults of a trial. The class is named as Hydra's
-    own: in workers Hydra would refuse another one for files.
+    Vessels choose excitation, controller and evaluation that suit them (`suited_parts`), beside
+    what is named; one that is given whole does so in the defaults of a trial. The class is named as
+    Hydra's own: in workers Hydra would refuse another one for files.
     """
 
     overrides: ClassVar[Sequence[str]] = ()  # of the command line, which say where the logbook is

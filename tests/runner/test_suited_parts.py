@@ -18,7 +18,11 @@ CHOSEN = {
     "milliampere": DEFAULTS,
     "osv": DEFAULTS,  # positioned by its thrusters
     "beluga_full": DEFAULTS | {"excitation": "constant_velocity"},
-    "frigate": DEFAULTS | {"excitation": "heading_changes", "controller": "autopilot"},
+    "frigate": {
+        "excitation": "rudder_zigzag",
+        "controller": "autopilot",
+        "evaluation": "heading_changes",
+    },
     "otter": DEFAULTS | {"excitation": "input_prbs", "controller": "none"},
     "dsrv": DEFAULTS | {"excitation": "input_prbs", "controller": "none"},
 }
@@ -79,7 +83,8 @@ def test_in_a_sweep_each_trial_is_followed_and_vessels_say_what_they_chose(
 ) -> None:
     words = ["-m", "vessel=otter,mariner", "controller=none,autopilot", "dry_run=true"]
     printed = seatrial(*words).out
-    assert "vessel=otter chooses excitation=input_prbs or excitation=heading_changes" in printed
+    chosen = "excitation=input_prbs evaluation=replay or excitation=heading_changes"
+    assert f"vessel=otter chooses {chosen}" in printed
     assert "4 trials: 4 new" in printed
 
 

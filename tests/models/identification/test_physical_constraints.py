@@ -18,6 +18,7 @@ from seatrial.models.identification.physical_constraints import (
     unphysical,
 )
 from seatrial.models.identification.problem import Problem
+from seatrial.models.identification.structured import entries_of
 from seatrial.models.vessel import basis
 from seatrial.models.vessel.table import Vessel
 
@@ -110,6 +111,18 @@ def test_a_solution_whose_cuts_are_not_all_found_is_physical(
     change, _ = solve(H, H @ target, constraints, np.zeros(len(free)))
     assert np.any(change != 0.0)
     assert constraints.violated(change) == ()
+
+
+@pytest.mark.parametrize("size", [1e2, 1e6, 1e14])  # of what noise makes of unexcited terms
+@pytest.mark.parametrize("name", ["milliampere", "beluga_diagonal", "beluga_full"])
+def test_however_far_a_table_is_outside_the_nearest_one_is_physical(name: str, size: float) -> None:
+    rng, nominal = np.random.default_rng(0), parameters_of(name).nominal()
+    free = entries_of(nominal, nominal)
+    constraints = constraints_on(free, 0.3 * rng.standard_normal((300, len(nominal.dofs))))
+    table = size * rng.standard_normal(len(free)) * constraints.scale
+    H = hessian(constraints, rng)
+    step, _ = solve(H, np.zeros(len(free)), constraints, table)
+    assert constraints.violated(table + step) == ()
 
 
 def test_the_solution_is_optimal(calm, rng) -> None:
