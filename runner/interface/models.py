@@ -183,18 +183,18 @@ class Model(Displayed):
             velocity: at the start [m/s, rad/s], shape (n_dof,); zero by default.
         """
         n_dof, inputs = len(self.dofs), self.parameters.input_names
-        names, what = list(inputs or self.dofs), "inputs" if inputs else "force"
+        names = list(inputs or self.dofs)
         if isinstance(force, Mapping | pd.DataFrame):
             frame = pd.DataFrame(force).rename(columns=lambda name: str(name).removeprefix("tau_"))
             if frame.empty or set(frame) - set(names):
-                raise ConfigurationError(f"{what}: got {list(frame)}, expected some of {names}")
+                raise ConfigurationError(f"force: got {list(frame)}, expected some of {names}")
             force = frame.reindex(columns=names, fill_value=0.0).to_numpy()
         if not min(period_s, step_s) > 0.0:
             raise ConfigurationError(f"period_s, step_s: got {period_s}, {step_s}, expected > 0")
-        command = array_of(force, what)
+        command = array_of(force, "force")
         if command.ndim != 2 or command.shape[1] != len(names) or not len(command):
             raise ConfigurationError(
-                f"{what}: got shape {command.shape}, expected (N, {len(names)})"
+                f"force: got shape {command.shape}, expected (N, {len(names)})"
             )
         still, start = np.zeros((len(command), n_dof)), {}
         for name, values in {"pose": pose, "velocity": velocity}.items():
@@ -314,8 +314,8 @@ def fitted(
 
 def joined(data: Recordings, vessel: VesselParameters) -> recordings.Recording:
     """Return data as one recording, each command filtered from rest unless it was before a cut."""
-    several = isinstance(data, Iterable) and not isinstance(data, KINDS)
-    listed = [*data] if several else [data]
+    one = isinstance(data, KINDS) or not isinstance(data, Iterable)
+    listed: list[Any] = [data] if one else list(data)  # type: ignore[arg-type]
     if not listed or not all(isinstance(each, KINDS) for each in listed):
         kinds = {type(each).__name__ for each in listed} or {"nothing"}
         raise ConfigurationError(f"X: got {', '.join(kinds)}, expected recordings or frames")
