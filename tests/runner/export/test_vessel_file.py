@@ -107,7 +107,7 @@ def test_a_vessel_that_is_not_there_is_one_line(
         (("vessel=run:99",), "results.db: there is no run 99"),
         (("vessel=run:1", "results_dir=other"), "other/results.db: there is no logbook"),
         (("vessel=run:x",), "vessel: no option 'run:x'"),
-        (("vessel=absent.yaml",), "vessel: no option 'absent.yaml'"),
+        (("vessel=absent.yaml",), "vessel: there is no file absent.yaml"),
         (("vessel=broken.yaml",), "broken.yaml, line 2: "),
     ):
         for mode in ((), ("-m",)):
