@@ -321,8 +321,7 @@ def joined(data: Recordings, vessel: VesselParameters) -> recordings.Recording:
         raise ConfigurationError(f"X: got {', '.join(kinds)}, expected recordings or frames")
     parts = [Recording.from_frame(x) if isinstance(x, pd.DataFrame) else x for x in listed]
     for dofs in {x.dofs for x in parts} - {vessel.dofs}:
-        expected = f"those of {vessel.name}, {', '.join(vessel.dofs)}"
-        raise ConfigurationError(f"X: got {', '.join(dofs)}, expected {expected}")
+        raise ConfigurationError(f"X: got {', '.join(dofs)}, expected {', '.join(vessel.dofs)}")
     known = [x if x.tau_filtered is not None else x.with_thruster(vessel.thruster) for x in parts]
     return recordings.end_to_end(known)
 

@@ -208,8 +208,7 @@ class Run(Displayed):
         with self.logbook.opened() as results:
             rows = results.reader.metrics(self.number)
         same = [row for row in rows if row.name == name]
-        own = [row for row in same if (row.dof, row.model) == (dof, model)]
-        own = [row for row in own if stage in (None, row.stage)]
+        own = [r for r in same if (r.dof, r.model, stage or r.stage) == (dof, model, r.stage)]
         if len(own) != 1:
             known = ", ".join(sorted({f"{row.dof} of {row.model}" for row in same}))
             got = f"got {len(own)} numbers {name} with dof {dof} of model {model}, expected one"

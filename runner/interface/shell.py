@@ -43,8 +43,7 @@ def overrides_of(options: Mapping[str, object]) -> list[str]:
         key = name.replace("__", ".")
         given = part_of(value, key) if key in GROUPS else value
         if given is None and key in GROUPS:
-            got = "None or a model that is not stored"
-            raise ConfigurationError(f"{key}: got {got}, expected a choice")
+            raise ConfigurationError(f"{key}: got None or a model not stored, expected a choice")
         texts.append(f"{key}={text_of(given, key)}")
     return texts
 
@@ -88,8 +87,7 @@ def text_of(value: object, key: str) -> str:
             return "{" + ",".join(inner) + "}"
         case Iterable():
             return "[" + ",".join(text_of(item, key) for item in value) + "]"
-    expected = "expected text, numbers or an object of a group"
-    raise ConfigurationError(f"{key}: got {type(value).__name__}, {expected}")
+    raise ConfigurationError(f"{key}: got {type(value).__name__}, expected text, numbers or a part")
 
 
 def place_of(path: str | Path | None) -> list[str]:

@@ -116,5 +116,5 @@ def test_errors_are_one_line(recording: st.Recording) -> None:
         st.Estimator("ls").score(recording)
     with pytest.raises(st.ConfigurationError, match="X: got int, expected recordings"):
         st.Estimator("ls").fit(3)
-    with pytest.raises(st.ConfigurationError, match="X: got surge, sway, yaw, expected those of"):
+    with pytest.raises(st.ConfigurationError, match="X: got surge, sway, yaw, expected"):
         st.Estimator("ls", vessel="surge_linear").fit(recording)
