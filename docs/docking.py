@@ -86,11 +86,23 @@ def lines(frame: pd.DataFrame) -> Sequence[Sequence[str]]:
     return result
 
 
+def summary(frame: pd.DataFrame) -> str:
+    """Contacts and vessels in their berths of all runs of each controller."""
+    known = dict(iter(frame.groupby("controller")))
+    parts = [
+        f"`{name}` {np.sum(own['contacts'] > 0.0)} and {np.sum(in_berth(own))} of {len(own)}"
+        for name in ORDER[2]
+        if (own := known.get(name)) is not None
+    ]
+    return f"In all, runs with a contact and runs that ended in the berth: {', '.join(parts)}.\n"
+
+
 def main() -> None:
     """Print the table."""
     headers = ["vessel", "weather", "controller", *MODELS, "p (size)", "step, 99 %", "failed"]
     with open_results(f"sqlite:///{LOGBOOK}") as results:
-        print(table(headers, lines(dockings(results))), end="")
+        found = dockings(results)
+    print(table(headers, lines(found)), summary(found), sep="\n", end="")
 
 
 if __name__ == "__main__":
