@@ -57,7 +57,7 @@ def test_a_vessel_from_numbers_is_sailed_fitted_and_drawn(
     run = st.run(vessel=boat, excitation="prbs", identifier="none", evaluation="none")
     model = boat.fit(st.Recording.from_frame(run.series("recording")), "ls", basis="physical")
     assert model.table.coefficient("surge", "u") == pytest.approx(0.8 * 40.0, rel=1e-3)
-    with pytest.raises(st.ConfigurationError, match="vessel: got None or a model that"):
+    with pytest.raises(st.ConfigurationError, match="vessel: got None or a model"):
         st.run(vessel=model)
     curve = boat.plot().axes[0].lines[0].get_xydata()
     np.testing.assert_allclose(curve[:, 1], 40.0 * curve[:, 0])
