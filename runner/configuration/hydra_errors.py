@@ -92,10 +92,10 @@ def _unknown_option(key: str, overrides: Sequence[str]) -> str:
     ):
         for option, _ in leaves(OmegaConf.to_container(compose("trial", overrides=choices))):
             known.update(accumulate(option.split("."), "{}.{}".format))
+    parts = {name.partition("[")[0].rpartition(".") for name in known}
     node, leaf, beside = key, key, list[str]()
     while node and not beside:  # the nearest that has options
         node, _, leaf = node.rpartition(".")
-        parts = {name.partition("[")[0].rpartition(".") for name in known}
         beside = sorted({name for parent, _, name in parts if parent == node} - {"_target_"})
     hint = meant(leaf, beside, shown=lambda name: f"{node}.{name}".lstrip("."))
     hint = f"{leaf} as it is chosen has no options" if leaf in beside else hint
