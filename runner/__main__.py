@@ -141,6 +141,8 @@ def _parsed(words: list[str], session: Session) -> Namespace:
         hint = invocation.meant(flag, ["--version", *parser._option_string_actions]).rstrip()
         hint = f"did you mean {name}={value}?" if search_path.is_option(name) else hint
         raise ConfigurationError(f"unknown flag {flag}, {hint or 'see --help'}")
+    if arguments.experimental_rerun:
+        _refuse(_named("--experimental-rerun: see {results} show RUN --command"))
     refuse_gone(arguments.overrides)
     for word in filter(str.isidentifier, arguments.overrides):
         raise ConfigurationError(f"{word!r} cannot be read, {_meant(word)}")

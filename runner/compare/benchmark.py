@@ -28,6 +28,7 @@ from numpy.typing import NDArray
 from seatrial.models.errors import ConfigurationError
 from seatrial.runner.compare.statistics import Sample
 from seatrial.runner.configuration import options, search_path
+from seatrial.runner.configuration.invocation import meant
 from seatrial.runner.record.rows import Series
 from seatrial.runner.record.vocabulary import IDENTIFIED_STD
 
@@ -111,7 +112,8 @@ def task_of(name: str) -> Task:
     """Read a task; raises ConfigurationError for an unknown one or a file that is none."""
     names = search_path.options(GROUP)
     if name not in names:
-        raise ConfigurationError(f"--task: got {name!r}, expected one of {', '.join(names)}")
+        expected = f"{meant(name, names)}expected one of {', '.join(names)}"
+        raise ConfigurationError(f"task: got {name!r}, {expected}")
     folders = (search_path.CONF, *search_path.user_folders())
     path = next(filter(Path.is_file, (folder / GROUP / f"{name}.yaml" for folder in folders)))
     try:

@@ -82,7 +82,9 @@ class _Numbers:
             if value != tuning.AUTO and (value is not None or path in NULLABLE):
                 return json.loads(json.dumps(value, default=asdict))  # as in a configuration
         expected = f"expected a number: vessel.{path} cannot be derived"
-        raise ConfigurationError(f"{key}: got auto, {expected}")
+        by = ", ".join(self._vessel.inputs)
+        why = f": {self._vessel.name} is commanded by {by}" if by else ""
+        raise ConfigurationError(f"{key}: got auto, {expected}{why}")
 
     def _derived(self, key: str) -> SimpleNamespace:
         period = build_as(_Period, {"sample_time_s": self._sample_time_s}, "").sample_time_s

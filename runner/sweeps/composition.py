@@ -63,8 +63,12 @@ def _name(group: str, choices: Mapping[str, object], overrides: list[str], node:
     if choices.get(group):
         return str(choices[group])
     lists = [text.partition("=[")[2] for text in overrides if text.startswith(f"{group}=[")]
-    if lists:
-        return "+".join(re.findall(r"\w+", lists[-1]))
+    names = re.findall(r"[^\s,'\"\]]+", lists[-1]) if lists else []
+    if names[1:] and group != "disturbance":  # whose parts add up
+        several = f"a sweep has several: -m {group}={','.join(names)}"
+        raise ConfigurationError(f"{group}: got [{','.join(names)}], expected one; {several}")
+    if names:
+        return "+".join(names)
     whole = node if isinstance(node, DictConfig) else {}
     return str(whole.get("name") or str(whole.get("_target_", "none")).rpartition(".")[2])
 

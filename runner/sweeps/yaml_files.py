@@ -96,21 +96,23 @@ class FileConfigSource(file_config_source.FileConfigSource):
             )
         place = self._place(config_path)
         loaded = self._own if place == config_path and Path(self.path) == CONF else {}
+        file = Path(self.path) / self._normalize_file_name(place)
         try:
             if place not in loaded:
                 loaded[place] = pickle.dumps(super().load_config(place))
             # Hydra takes the defaults list out of it; a deep copy takes four times as long.
             result: ConfigResult = pickle.loads(loaded[place])
         except (yaml.YAMLError, UnicodeDecodeError, RecursionError) as error:
-            file = Path(self.path) / self._normalize_file_name(place)
             mark = getattr(error, "problem_mark", None)
             line = "" if mark is None else f", line {mark.line + 1}"
             reason = in_words(getattr(error, "problem", None) or str(error).splitlines()[0])
             raise ConfigurationError(f"{file}{line}: {reason}, expected YAML") from error
-        if config_path.startswith(GROUP) and isinstance(result.config, DictConfig):
+        if not isinstance(result.config, DictConfig):
+            raise ConfigurationError(f"{file}: got a list, expected options")
+        if config_path.startswith(GROUP):
             result.config = self._with_suited_parts(result.config)
         if config_path.removesuffix(".yaml") == TRIAL and (whole := self._whole_vessel()):
-            for part in cast(DictConfig, result.config).defaults:
+            for part in result.config.defaults:
                 if isinstance(part, DictConfig):
                     part.update({k: v for k, v in self._suited(whole).items() if k in part})
         return result

@@ -66,6 +66,8 @@ REFUSED = {
     "benchmrk": "'benchmrk' cannot be read, did you mean python -m runner benchmark?",
     "--config-name=nope": "--config-name: got 'nope', expected a file",
     "--resolve": "--resolve: expected --cfg or --help as well",
+    "--experimental-rerun=x": "--experimental-rerun: see python -m runner.compare show RUN --comm",
+    "identifier=[ls,iv]": "identifier: got [ls,iv], expected one; a sweep has several: -m ident",
 }
 
 

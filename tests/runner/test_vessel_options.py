@@ -88,6 +88,8 @@ def test_a_vessel_without_enough(own: Path, seatrial: Command) -> None:
     assert said.startswith("excitation.reference_filter.bandwidth_rad_s: cannot be derived from")
     said = seatrial.refuses("evaluation=setpoints", "evaluation.duration_s=auto")
     assert said.startswith("evaluation.duration_s: got auto, expected a number: ")
+    said = seatrial.refuses("vessel=tanker", "controller=lqi")
+    assert said.endswith("cannot be derived: tanker is commanded by delta, n")
 
 
 # Derived gains and weights beside those that were tuned by hand, on the vessel's own missions.

@@ -14,6 +14,7 @@ REFUSED = {
     "twice": ("a: 1\nb: 2\na: 3\n", "line 3: found duplicate key a, expected YAML"),
     "inside": ("a: {b: 1, b: 2}\n", "line 1: found duplicate key b, expected YAML"),
     "object": ("a: !!python/object:os.system x\n", "line 1: could not determine a constructor"),
+    "list": ("- a\n- b\n", "list.yaml: got a list, expected options"),
     "loop": ("a: &a [*a]\n", "maximum recursion depth exceeded"),
 }
 
