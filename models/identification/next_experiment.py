@@ -14,9 +14,12 @@ which is what a fit of free runs (`free_run_fit.py`) leaves open. For terms of a
 
 from collections.abc import Callable, Sequence
 from contextlib import suppress
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
+from functools import cached_property
+from itertools import chain, combinations
 
 import numpy as np
+from numpy.typing import NDArray
 
 from seatrial.models.errors import ConfigurationError, SeatrialError
 from seatrial.models.identification.free_parameters import (
@@ -26,6 +29,7 @@ from seatrial.models.identification.free_parameters import (
     with_devices,
 )
 from seatrial.models.identification.free_run_fit import FreeRuns, segments
+from seatrial.models.identification.least_squares import triangle
 from seatrial.models.identification.validation import restart_length
 from seatrial.models.notation import ACCELERATIONS
 from seatrial.models.recording.recording import Recording
@@ -36,6 +40,8 @@ from seatrial.models.vessel.thruster import SecondOrderLag
 NORMAL_90 = 1.6449  # half the width of a 90 % interval over the standard deviation
 LEAST_DEVIATION = 1e-6  # of a direction of B, relative to the largest
 DRAWS, SHARE = 120, 0.25  # of a gradient, and of the deviations that they have
+MOST, SHORTER = 20, 1e-6  # candidates of a plan, and by how much an exchange shortens it
+ALL = "coefficients"  # a purpose: all that are uncertain
 KNOWN_UNITS = ("m", "m^2", "kg/m^3")  # of parameters of devices that nobody doubts
 Value = Callable[[Array], Array]  # what is predicted (k,) at u (m,); raises what cannot be done
 
@@ -50,11 +56,6 @@ class Belief:
     def at(self, u: Array) -> Vessel:
         """The model at coordinates u (m,); devices stay in their ranges."""
         return self.free.model(self.free.nominal, self.free.values + self.basis @ u)
-
-    def about(self, u: Array) -> "Belief":
-        """The same doubt about the model at coordinates u (m,)."""
-        values = self.free.values + self.basis @ u
-        return Belief(replace(self.free, nominal=self.at(u), values=values), self.basis)
 
     def gradient(self, value: Value, u: Array) -> tuple[Array, Array]:
         """z (k,) and G = dz/du (k, m) at u (m,), by regression over draws.
@@ -153,29 +154,91 @@ def learnt(model: Vessel, draws: Sequence[Vessel], share: float) -> Belief:
 class Purpose:
     """What is to be predicted: k numbers with G (k, m) in percent, and what they are in words.
 
-    The width of their intervals is the root mean square, or of `coefficients` the median, since
-    some cannot be told at all.
+    The width of their intervals is the root mean square, or of `coefficients` the geometric mean,
+    since some cannot be told at all.
     """
 
     name: str
     gradient: Array
     text: str = ""
 
-    def width(self, *informations: Array) -> float:
-        """Half of the 90 % interval expected after candidates with information (m, m) each [%]."""
-        posterior = np.linalg.inv(np.eye(self.gradient.shape[1]) + sum(informations))
-        variance = np.einsum("ki,ij,kj->k", self.gradient, posterior, self.gradient)
-        widths = NORMAL_90 * np.sqrt(np.maximum(variance, 0.0))
-        median = self.name == "coefficients"
-        return float(np.median(widths) if median else np.sqrt(np.mean(widths**2)))
+    @cached_property
+    def _rows(self) -> Array:
+        """G' (m, k), or where squares are averaged at most m columns that have the same mean."""
+        G = self.gradient
+        return (G if self.name == ALL else triangle([G / np.sqrt(len(G))])).T
+
+    def widths(self, informations: Array) -> Array:
+        """Half of the 90 % interval (...) that is expected after information (..., m, m) [%]."""
+        rows = self._rows
+        variance = np.sum(rows * np.linalg.solve(np.eye(len(rows)) + informations, rows), axis=-2)
+        geometric = self.name == ALL
+        mean = np.exp(np.mean(np.log(variance), -1)) if geometric else np.sum(variance, -1)
+        return np.asarray(NORMAL_90 * np.sqrt(mean))
+
+    def width(self, information: Array | float = 0.0) -> float:
+        """Half of the interval after all that is known, of one information (m, m)."""
+        return float(self.widths(np.asarray(information)))
 
 
-def ranked(purpose: Purpose, known: Array, informations: Array, seconds: Array) -> list[int]:
-    """Order of candidates by the logarithm of the width that they save in a second, the best first.
+def ranked(purpose: Purpose, known: Array, told: Array, seconds: Array, target: float) -> list[int]:
+    """Order of candidates: first those that are expected to reach the target soonest, together.
 
-    `known` is the information (m, m) of what is chosen already, `informations` (q, m, m) those of
-    the candidates, `seconds` their time (q,).
+    They are found twice, one after the other by what they save in a second, of the purpose down to
+    the target or of log det as in a D-optimal design. Then one is left out, or one or two are
+    exchanged for a shorter one, as long as the target is still reached (after Fedorov (1972),
+    Theory of optimal experiments, section 3.3). The better one is first by the logarithm of the
+    width that each saves in a second, and so are the others behind it.
+
+    Args:
+        purpose: what is to be predicted.
+        known: information (m, m) of what is chosen already.
+        told: that of the candidates (q, m, m).
+        seconds: their time (q,).
+        target: half the 90 % interval that is wanted [%].
     """
-    now, widths = purpose.width(known), [purpose.width(known, told) for told in informations]
-    gain = np.log(now / np.maximum(widths, 1e-12 * now)) / seconds
-    return [int(number) for number in np.argsort(-gain, kind="stable")]
+
+    one_more = np.concatenate([np.zeros_like(told[:1]), told])  # or none
+
+    def after(chosen: Sequence[int]) -> Array:
+        return np.asarray(known + np.sum(told[[*chosen]], axis=0))
+
+    def reaching(chosen: Sequence[int]) -> NDArray[np.bool_]:
+        return purpose.widths(after(chosen) + one_more) <= target
+
+    def saved(now: Array) -> Array:
+        return np.asarray(-np.log(np.maximum(purpose.widths(now + one_more), target)))
+
+    def volume(now: Array) -> Array:
+        return np.asarray(np.linalg.slogdet(np.eye(len(now)) + now + one_more)[1])
+
+    found = list[list[int]]()
+    for value in (saved, volume):
+        chosen = list[int]()
+        while len(chosen) < MOST and not reaching(chosen)[0]:
+            none, *each = value(after(chosen))
+            chosen.append(int(np.argmax((each - none) / seconds)))
+        while reaching(chosen)[0] and (fewer := _exchanged(chosen, seconds, reaching)):
+            chosen = fewer
+        found.append(chosen)
+    plan = min(found, key=lambda own: (max(purpose.width(after(own)), target), sum(seconds[own])))
+    rate = np.log(purpose.width(known) / purpose.widths(known + told)) / seconds
+    return sorted(range(len(told)), key=lambda number: (number not in plan, -rate[number]))
+
+
+def _exchanged(
+    chosen: Sequence[int], seconds: Array, reaching: Callable[[Sequence[int]], NDArray[np.bool_]]
+) -> list[int]:
+    """One or two left out, or exchanged for a shorter one; empty if none can be.
+
+    `reaching` says of a list whether it reaches the target, and with each candidate more, (1 + q,).
+    """
+    places = range(len(chosen))
+    for out in chain(combinations(places, 1), combinations(places, 2)):
+        rest = [number for place, number in enumerate(chosen) if place not in out]
+        time = sum(seconds[chosen[place]] for place in out)
+        alone, *each = reaching(rest)
+        shorter = [n for n in np.flatnonzero(each).tolist() if seconds[n] < (1.0 - SHORTER) * time]
+        if alone or shorter:
+            return rest if alone else [*rest, min(shorter, key=lambda n: seconds[n])]
+    return []

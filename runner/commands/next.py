@@ -236,7 +236,7 @@ def value_of(known: Known, name: str, tracked: Trial | None = None) -> Value:
     belief, free, kinds = known.belief, known.belief.free, dict[str, str]()
     family: Any = known.trial.excitation
     steered = isinstance(family, HelmSequence)
-    own = (free.values != 0.0) & [name in ("coefficients", label) for label in free.labels]
+    own = (free.values != 0.0) & [name in (experiment.ALL, label) for label in free.labels]
     if np.any(own):
         return lambda u: (free.values + belief.basis @ u)[own]
     if name == "e_pos":
@@ -268,10 +268,10 @@ def value_of(known: Known, name: str, tracked: Trial | None = None) -> Value:
             reached = [each for each, value in measures(kind, 0.0).items() if np.isfinite(value)]
             kinds |= {each.replace(" ", "_"): kind for each in reached}
     if name in kinds:
-        return lambda u: np.array([measures(kinds[name], u)[name.replace("_", " ")]])
+        return lambda u: np.array([measures(kinds[name], u).get(name.replace("_", " "), np.nan)])
     raise ConfigurationError(
         f"next: {known.trial.vessel.name} has no measure {name}, expected one of "
-        f"{', '.join(['coefficients', 'FIT', 'e_pos', *kinds])}"
+        f"{', '.join([experiment.ALL, 'FIT', 'e_pos', *kinds])}"
     )
 
 
@@ -287,7 +287,10 @@ def _reference(family: HelmSequence, kind: str) -> Mission:
 
 
 class Candidate(NamedTuple):
-    """A manoeuvre that can be sailed, its motion, and what that tells (m, m)."""
+    """A manoeuvre that can be sailed, its motion, and what that tells (m, m).
+
+    The time is with the way back to where it began, if there are joins.
+    """
 
     name: str
     seconds: float
@@ -390,7 +393,8 @@ class Planner:
                     motion, trial.vessel.thruster, self.known.deviation
                 )
                 told = experiment.information(J, self.known.deviation)
-                found.append(Candidate(text, mission.duration_s, motion, told, own))
+                seconds = mission.duration_s + self._back(motion.eta[-1], motion.eta[0])[1]
+                found.append(Candidate(text, seconds, motion, told, own))
         return found
 
     @cached_property
@@ -416,12 +420,17 @@ class Planner:
                 motion = self.known.sailed(mission := self.sailing(parts))
                 end, inside = motion.eta[-1], True
                 if self.free is not None:
-                    back = join(end, mission.start, *self.circle, self.family.unit_s)
+                    back, _ = self._back(end, mission.start)
                     motion = self.known.sailed(mission := self.sailing((*parts, back)))
                     inside = shapely.LineString(motion.eta[:, :2]).within(self.free)
                 if inside and mission.duration_s <= self.seconds:
                     return Sailed(parts, end, mission, motion)
         return None
+
+    def _back(self, end: Array, start: Array) -> tuple[list[HelmStep], float]:
+        """The steps of the way from an end to a start, and their time [s]; none without joins."""
+        steps = [] if self.free is None else join(end, start, *self.circle, self.family.unit_s)
+        return steps, sum(step.seconds for step in steps)
 
     def _joins(self, end: Array, motion: Recording) -> Iterator[list[HelmStep]]:
         """No join, then paths, the shortest first, to where a motion is amid the widest water."""
@@ -437,7 +446,7 @@ class Planner:
 
 
 def sequence(purpose: Purpose, target: float, planner: Planner) -> tuple[Sailed, float]:
-    """Candidates added by what they save in a second, until the target is reached or none fits.
+    """Candidates added as `ranked`, until the target is reached or none fits.
 
     Also returns half the interval after them. Raises ConfigurationError if not one of them fits.
     """
@@ -445,10 +454,11 @@ def sequence(purpose: Purpose, target: float, planner: Planner) -> tuple[Sailed,
     sailed = Sailed((), np.array(planner.start) * [1.0, 1.0, np.pi / 180.0])
     told = np.array([candidate.information for candidate in candidates])
     times, spent = np.array([candidate.seconds for candidate in candidates]), 0.0
+    lengths = [candidate.motion.t[-1] for candidate in candidates]
     known = np.zeros(told.shape[1:])
     while purpose.width(known) > target:
-        order = experiment.ranked(purpose, known, told, times)
-        for number in [n for n in order if spent + times[n] <= planner.seconds][:TRIED]:
+        order = experiment.ranked(purpose, known, told, times, target)
+        for number in [n for n in order if spent + lengths[n] <= planner.seconds][:TRIED]:
             if (more := planner.added(sailed, candidates[number])) is not None:
                 sailed, known, spent = more, known + told[number], more.mission.duration_s
                 break

@@ -151,6 +151,6 @@ def test_two_hundred_candidates_are_ranked_in_30_seconds() -> None:
     candidates = Planner(known, None, (0.0, 0.0, 0.0), 900.0).candidates
     told = np.array([each.information for each in candidates])
     seconds = np.array([each.seconds for each in candidates])
-    order = ranked(purpose, np.zeros_like(told[0]), told, seconds)
+    order = ranked(purpose, np.zeros_like(told[0]), told, seconds, 1.0)
     assert len(order) >= 200
     assert time.process_time() - begin < 30.0

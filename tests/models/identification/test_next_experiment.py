@@ -1,6 +1,6 @@
 """The expected interval is that of Bayes' rule, and more information never widens it."""
 
-from itertools import pairwise
+from itertools import chain, combinations_with_replacement, pairwise
 
 import numpy as np
 import pytest
@@ -94,7 +94,7 @@ def test_more_information_never_widens() -> None:
     purpose = Purpose("coefficients", rng.standard_normal((3, 5)))
     parts = rng.standard_normal((20, 5, 2))
     told = parts @ parts.transpose(0, 2, 1)
-    widths = [purpose.width(*told[:k]) for k in range(21)]
+    widths = [purpose.width(told[:k].sum(axis=0)) for k in range(21)]
     assert all(b <= a + 1e-12 for a, b in pairwise(widths))
     assert widths[-1] < 0.9 * widths[0]
 
@@ -102,9 +102,34 @@ def test_more_information_never_widens() -> None:
 def test_what_narrows_most_in_a_second_is_first() -> None:
     purpose = Purpose("z", np.array([[1.0, 0.0]]))
     told = np.array([np.diag([0.0, 9.0]), np.diag([3.0, 0.0]), np.diag([3.0, 0.0])])
-    assert ranked(purpose, np.zeros((2, 2)), told, np.array([1.0, 20.0, 10.0])) == [2, 1, 0]
+    assert ranked(purpose, np.zeros((2, 2)), told, np.array([1.0, 20.0, 10.0]), 0.9) == [2, 1, 0]
     widths = [purpose.width(each) for each in told]
     assert widths == pytest.approx(NORMAL_90 * np.array([1.0, 0.5, 0.5]))
+
+
+@pytest.mark.parametrize("name", ["z", "coefficients"])
+def test_a_plan_is_no_longer_than_a_d_optimal_design_and_near_the_shortest(name: str) -> None:
+    """The shortest by trying all sets of up to four."""
+    rng, longer = np.random.default_rng(2), list[float]()
+    for _ in range(12):
+        purpose = Purpose(name, rng.standard_normal((3, 6)))
+        parts, seconds = rng.standard_normal((9, 6, 2)), rng.uniform(1.0, 3.0, 9)
+        told = parts @ parts.transpose(0, 2, 1)
+        H, design = np.eye(6), list[int]()
+        for _ in range(4):
+            gain = np.linalg.slogdet(H + told)[1] - np.linalg.slogdet(H)[1]
+            design.append(int(np.argmax(gain / seconds)))
+            H = H + told[design[-1]]
+        target = purpose.width(H - np.eye(6)) * (1.0 + 1e-9)
+        known, spent = np.zeros((6, 6)), 0.0
+        while purpose.width(known) > target:
+            first = ranked(purpose, known, told, seconds, target)[0]
+            known, spent = known + told[first], spent + seconds[first]
+        assert spent <= np.sum(seconds[design]) + 1e-9
+        sets = chain.from_iterable(combinations_with_replacement(range(9), k) for k in range(1, 5))
+        reaching = [s for s in map(list, sets) if purpose.width(told[s].sum(axis=0)) <= target]
+        longer.append(spent / min(np.sum(seconds[s]) for s in reaching))
+    assert np.median(longer) < 1.05
 
 
 def test_a_doubt_leaves_accelerations_and_dimensions() -> None:
