@@ -187,7 +187,7 @@ def ranked(purpose: Purpose, known: Array, told: Array, seconds: Array, target: 
     They are found twice, one after the other by what they save in a second, of the purpose down to
     the target or of log det as in a D-optimal design. Then one is left out, or one or two are
     exchanged for a shorter one, as long as the target is still reached (after Fedorov (1972),
-    Theory of optimal experiments, section 3.3). The better one is first by the logarithm of the
+    Theory of optimal experiments, chapter 3). The better one is first by the logarithm of the
     width that each saves in a second, and so are the others behind it.
 
     Args:
