@@ -3,7 +3,7 @@
 # PYTHON=... names another interpreter, SEATRIAL_DATA=... the folder of outside data (else
 # ../shared/data where it exists), which `make test` leaves alone.
 
-.PHONY: demo robustness coverage bands docking manoeuvring next benchmark readme published bench docs gallery test test-data slow nightly nightly-tests ray abuse check ruff mypy imports clean help
+.PHONY: demo robustness coverage bands docking manoeuvring next benchmark readme published bench dist docs gallery test test-data slow nightly nightly-tests ray abuse check ruff mypy imports clean help
 .DELETE_ON_ERROR:
 
 VENV := .venv
@@ -52,6 +52,7 @@ help:
 	@echo 'make check   ruff, mypy --strict, and imports that do not resolve (basedpyright)'
 	@echo 'make published  every published experiment, and a page of printed figures beside ours'
 	@echo 'make bench   what a user would pick instead, measured beside ours: results/bench.json, docs/speed.md'
+	@echo 'make dist    the source distribution and the wheel, as PyPI would take them (twine check)'
 	@echo 'make clean   remove .venv, .venv-ray and the caches (results stay)'
 
 # No identification, the thesis's and ours. Without noise one seed is enough.
@@ -201,7 +202,7 @@ slow: $(VENV)/test.stamp
 	$(PYTEST) --dist worksteal -m 'slow and not nightly' --timeout 1800 --durations 25 $(call MARKED,slow) || { code=$$?; [ $$code -eq 5 ] || exit $$code; }
 
 # What is a product of everything, or takes hours: all of it, also after the failure of a part.
-NIGHTLY := nightly-tests published robustness coverage bands docking bench ray
+NIGHTLY := nightly-tests dist published robustness coverage bands docking bench ray
 nightly:
 	failed=; for part in $(NIGHTLY); do $(MAKE) $$part || failed="$$failed $$part"; done; \
 	if [ -n "$$failed" ]; then echo "make nightly: failed:$$failed" >&2; exit 1; fi
@@ -227,6 +228,11 @@ mypy: $(VENV)/check.stamp
 imports: $(VENV)/check.stamp
 	$(BIN)/basedpyright
 
+dist: $(VENV)/dist.stamp
+	rm -rf dist
+	$(BIN)/python -m build
+	$(BIN)/python -m twine check --strict dist/*
+
 clean:
 	rm -rf $(VENV) $(RAY) .pytest_cache .mypy_cache .ruff_cache .hypothesis *.egg-info
 	find . -name __pycache__ -type d -prune -exec rm -rf {} +
@@ -237,6 +243,7 @@ $(VENV)/demo.stamp: EXTRAS :=
 $(VENV)/test.stamp: EXTRAS := [test]
 $(VENV)/bench.stamp: EXTRAS := [test,bench]
 $(VENV)/docs.stamp: EXTRAS := [docs]
+$(VENV)/dist.stamp: EXTRAS := [dist]
 $(VENV)/check.stamp: EXTRAS := [test,check]
 $(VENV)/check.stamp: HOLDS := $(VENV)/test.stamp
 

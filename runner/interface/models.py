@@ -32,8 +32,8 @@ from seatrial.runner.sweeps import in_process
 from seatrial.runner.trials.closed_loop import SeriesColumns, Streams
 
 Forces: TypeAlias = Sequence[Sequence[float]] | Array | Mapping[str, Any] | pd.DataFrame
-Recordings: TypeAlias = recordings.Recording | pd.DataFrame | Sequence[Any]
-KINDS = (recordings.Recording, pd.DataFrame)
+Recordings: TypeAlias = recordings.Recording | pd.DataFrame | Array | Sequence[Any]
+KINDS = (recordings.Recording, pd.DataFrame, np.ndarray)
 COLUMNS = {  # of a stored series, by degree of freedom
     "position": notation.POSES, "velocity": notation.VELOCITIES,
     "acceleration": notation.ACCELERATIONS, "force": [f"tau_{dof}" for dof in notation.DOFS],
@@ -313,13 +313,21 @@ def fitted(
 
 
 def joined(data: Recordings, vessel: VesselParameters) -> recordings.Recording:
-    """Return data as one recording, each command filtered from rest unless it was before a cut."""
+    """Return data as one recording, each command filtered from rest unless it was before a cut.
+
+    An array has time, poses, velocities and forces as its columns.
+    """
     one = isinstance(data, KINDS) or not isinstance(data, Iterable)
     listed: list[Any] = [data] if one else list(data)  # type: ignore[arg-type]
     if not listed or not all(isinstance(each, KINDS) for each in listed):
         kinds = {type(each).__name__ for each in listed} or {"nothing"}
         raise ConfigurationError(f"X: got {', '.join(kinds)}, expected recordings or frames")
-    parts = [Recording.from_frame(x) if isinstance(x, pd.DataFrame) else x for x in listed]
+    forces, dofs = [f"tau_{dof}" for dof in vessel.dofs], vessel.dofs
+    names = ["t", *notation.poses_of(dofs), *notation.velocities_of(dofs), *forces]
+    for shape in {x.shape[1:] for x in listed if isinstance(x, np.ndarray)} - {(len(names),)}:
+        raise ConfigurationError(f"X: got samples of shape {shape}, expected {', '.join(names)}")
+    framed = [pd.DataFrame(x, columns=names) if isinstance(x, np.ndarray) else x for x in listed]
+    parts = [Recording.from_frame(x) if isinstance(x, pd.DataFrame) else x for x in framed]
     for dofs in {x.dofs for x in parts} - {vessel.dofs}:
         raise ConfigurationError(f"X: got {', '.join(dofs)}, expected {', '.join(vessel.dofs)}")
     known = [x if x.tau_filtered is not None else x.with_thruster(vessel.thruster) for x in parts]

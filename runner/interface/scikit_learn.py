@@ -1,7 +1,7 @@
 """An identifier as an estimator of scikit-learn, for its searches and cross-validations.
 
-`X` is a list of recordings or frames, such as the blocks that `Recording.blocks` cuts, so that no
-fold is tested on samples between those that it was fitted to. A recording needs no `y`.
+`X` is a list of recordings, frames or arrays, such as the blocks that `Recording.blocks` cuts, so
+that no fold is tested on samples between those that it was fitted to. A recording needs no `y`.
 """
 
 from pathlib import Path

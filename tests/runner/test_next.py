@@ -61,6 +61,13 @@ def test_what_cannot_be_sailed_or_predicted_is_one_line(
     assert re.match(r"next: none of \d+ manoeuvres fits into 0.1 min", said)
 
 
+def test_runs_of_two_vessels_are_one_line(seatrial: Command) -> None:
+    for vessel in ("milliampere", "modulus_ship"):
+        seatrial.succeeds(f"vessel={vessel}", "identifier=none", "evaluation=none")
+    said = seatrial.refuses("next", "--after", "1,2", "--for", "FIT=2%")
+    assert said == "next: runs 1,2 are of milliampere and modulus_ship, expected one vessel"
+
+
 @pytest.mark.slow
 def test_the_sheet_stays_in_its_area_and_time_and_its_yaml_sails_it(seatrial: Command) -> None:
     side = 60.0

@@ -103,6 +103,15 @@ def test_a_frame_is_a_recording(recording: st.Recording) -> None:
     assert own.score([frame]) == same.score(recording)
     scores = cross_val_score(st.Estimator("ls", basis="physical"), frame, cv=KFold(3))
     assert np.all(np.isfinite(scores))
+    known = ["x", "y", "psi", "u", "v", "r", "tau_surge", "tau_sway", "tau_yaw"]
+    array = frame.reset_index()[["t", *known]].to_numpy()
+    alike = st.Estimator("ls", basis="physical").fit(frame[known])
+    of_array = st.Estimator("ls", basis="physical").fit(array)
+    np.testing.assert_array_equal(of_array.model_.coefficients, alike.model_.coefficients)
+    scores = cross_val_score(st.Estimator("ls", basis="physical"), array, cv=KFold(3))
+    assert np.all(np.isfinite(scores))
+    with pytest.raises(st.ConfigurationError, match=r"X: got samples of shape \(9,\), expec"):
+        of_array.score(array[:, 1:])
 
 
 def test_errors_are_one_line(recording: st.Recording) -> None:
