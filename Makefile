@@ -72,8 +72,8 @@ demo: $(VENV)/demo.stamp
 
 # Every identifier on four vessels and the supplied recordings. Two vessels have no wind, and
 # are given true coefficients that differ from the nominal ones. Where nothing is random, one seed
-# is enough; of the Beluga five, since a search takes two minutes. A run that fails or diverges (exit
-# code 1) is kept, and counted in the tables.
+# is enough; of the Beluga five, since a search takes minutes. A run that fails or diverges (exit code
+# 1) is kept, and counted in the tables.
 SEEDS := 20
 FEW_SEEDS := 5
 COVERAGE_SEEDS := 100

@@ -321,13 +321,18 @@ def joined(data: Recordings, vessel: VesselParameters) -> recordings.Recording:
     listed: list[Any] = [data] if one else list(data)  # type: ignore[arg-type]
     if not listed or not all(isinstance(each, KINDS) for each in listed):
         kinds = {type(each).__name__ for each in listed} or {"nothing"}
-        raise ConfigurationError(f"X: got {', '.join(kinds)}, expected recordings or frames")
-    forces, dofs = [f"tau_{dof}" for dof in vessel.dofs], vessel.dofs
-    names = ["t", *notation.poses_of(dofs), *notation.velocities_of(dofs), *forces]
+        raise ConfigurationError(
+            f"X: got {', '.join(kinds)}, expected recordings, frames or arrays"
+        )
+    forces = [f"tau_{dof}" for dof in vessel.dofs]
+    names = ["t", *notation.poses_of(vessel.dofs), *notation.velocities_of(vessel.dofs), *forces]
     for shape in {x.shape[1:] for x in listed if isinstance(x, np.ndarray)} - {(len(names),)}:
         raise ConfigurationError(f"X: got samples of shape {shape}, expected {', '.join(names)}")
-    framed = [pd.DataFrame(x, columns=names) if isinstance(x, np.ndarray) else x for x in listed]
-    parts = [Recording.from_frame(x) if isinstance(x, pd.DataFrame) else x for x in framed]
+    parts = [
+        x if isinstance(x, recordings.Recording) else
+        Recording.from_frame(pd.DataFrame(x, columns=names if isinstance(x, np.ndarray) else None))
+        for x in listed
+    ]  # fmt: skip
     for dofs in {x.dofs for x in parts} - {vessel.dofs}:
         raise ConfigurationError(f"X: got {', '.join(dofs)}, expected {', '.join(vessel.dofs)}")
     known = [x if x.tau_filtered is not None else x.with_thruster(vessel.thruster) for x in parts]
