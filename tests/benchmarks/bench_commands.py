@@ -105,4 +105,5 @@ def test_compiled(stated: Callable[..., None], commands: Commands) -> None:
         return found
 
     note = "least of three, all compiled; a machine with other work takes about a fifth longer"
-    stated(work, item="8b", what="CPU", note=note)
+    why = "imports (SciPy, Hydra, SQLAlchemy, Typer) are half of a trial, and more of a table"
+    stated(work, item="8b", what="CPU", note=note, why=why)
