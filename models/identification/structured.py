@@ -49,9 +49,13 @@ def inflation(rest: Array) -> float:
 
 
 def noise_scale(rest: Array, force: Array) -> Array:
-    """Root mean square of residuals (N, n_dof), above what is rounding of the force; (n_dof,)."""
-    floor = ZERO_FORCE * np.std(force, axis=0) + np.finfo(float).tiny
-    return np.asarray(np.maximum(np.sqrt(np.mean(rest**2, axis=0)), floor))
+    """Root mean square of residuals (N, n_dof), above what is rounding of the force; (n_dof,).
+
+    It is one where there is neither a force nor a residual.
+    """
+    floor = ZERO_FORCE * np.std(force, axis=0)
+    scale = np.maximum(np.sqrt(np.mean(rest**2, axis=0)), floor)
+    return np.asarray(np.where(scale > 0.0, scale, 1.0))
 
 
 class Structure:

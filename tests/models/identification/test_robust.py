@@ -9,7 +9,7 @@ from seatrial.models.errors import IdentificationError
 from seatrial.models.identification.problem import Problem
 from seatrial.models.vessel.table import Vessel
 from tests.models.identification.known_results import chosen
-from tests.trials import excited
+from tests.trials import asked_for, excited
 
 SWEPT = ("excitation=multisine", "controller=none", "plant.scale=0.8")
 
@@ -24,6 +24,15 @@ def test_the_calm_plant_is_recovered(calm, identifier) -> None:
     found = identifier("robust").identify(calm.problem, np.random.default_rng(0))
     assert chosen(found) == "[none]"
     assert_recovered(found.model, calm.truth, 1e-3)
+
+
+def test_an_axis_without_force_or_motion_keeps_the_nominal_equation() -> None:
+    """The surge of a vessel that dives at a speed that is held."""
+    words = "vessel=dsrv", "controller=none", "evaluation=none"
+    (problem, truth), auto = excited(*words), asked_for(*words, "identifier=auto").identifier
+    assert np.all(problem.training.nu[:, 0] == problem.training.nu[0, 0])
+    found = auto.identify(problem, np.random.default_rng(0)).model
+    np.testing.assert_array_equal(found.on(truth.terms).theta[:, 0], truth.theta[:, 0])
 
 
 @pytest.mark.slow
