@@ -114,7 +114,7 @@ def test_runge_kutta_beside_euler(in_turn: Any) -> None:
         ours, numpy_steps(), item="1c", what="1,000 steps of a vessel in three degrees of freedom",
         name="28 terms, RK4", peer_name="plain NumPy supply vessel, Euler", wanted=30.0, calls=50,
         note="ours evaluates its right-hand side four times a step, the other once",
-        why="a matter of the processor: 30.6 on an AMD EPYC",
+        why="the figure depends on the processor",
     )  # fmt: skip
 
 

@@ -219,7 +219,7 @@ def test_storing_a_run_of_the_ferry(stated: Callable[..., None], tmp_path: Path)
         return {"its begin, its end and its file": {"shown": shown, "limit": limit} | short}
 
     about = "store a run of the ferry: 548 metrics, 100 coefficients, 5 series of 111 columns"
-    stated(work, item="6", what=about, why="a matter of the processor: 22 ms on an AMD EPYC")
+    stated(work, item="6", what=about, why="the figure depends on the processor")
 
 
 def test_help(stated: Callable[..., None]) -> None:

@@ -52,10 +52,8 @@ def test_tables(stated: Callable[..., None], tmp_path: Path) -> None:
             "peak memory": {"shown": ", ".join(f"{peak:.0f} MB" for peak in peaks)},
         }
 
-    about, why = (
-        "a table over runs of 30 metrics each",
-        "the start of the command is more than a second of it",
-    )
+    about = "a table over runs of 30 metrics each"
+    why = "the start of the command is more than a second of it"
     stated(work, item="7c", what=about, note="the whole command, start-up included", why=why)
 
 
