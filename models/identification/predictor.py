@@ -78,29 +78,6 @@ def nominal_sizes(free: FreeParameters, recording: Recording | None, force: str 
     return sizes
 
 
-def physical_bounds(free: FreeParameters, sizes: Array, factor: float) -> tuple[Array, Array]:
-    """Lower and upper bounds (m,) of parameters of the given sizes (m,); `factor` is above 1."""
-    table = free.nominal
-    lower, upper = -WIDE_MULTIPLE * sizes, WIDE_MULTIPLE * sizes
-    diagonal = dict(zip(table.dofs, np.diag(table.inertia), strict=True))
-    for i, plausible in free.plausible:
-        lower[i], upper[i] = plausible.low, plausible.high
-    for i, (label, value) in enumerate(zip(free.labels, free.values, strict=True)):
-        if label in NED or i >= free.of_devices.start:
-            continue
-        dof, term = parse_label(label, table)
-        k = table.dofs.index(dof)
-        if term.name == table.accelerations[k]:
-            lower[i], upper[i] = value / factor, value * factor
-        elif term.name in table.accelerations:
-            other = table.dofs[table.accelerations.index(term.name)]
-            upper[i] = np.sqrt(diagonal[dof] * diagonal[other])
-            lower[i] = -upper[i]
-        elif value > 0.0 and not table.inputs and dissipates(term, table.velocities[k]):
-            lower[i] = 0.0
-    return lower, upper
-
-
 def active_bounds(free: FreeParameters, point: Array, box: tuple[Array, Array]) -> list[Diagnostic]:
     """The parameters of a design point (m,) that are at a bound of the box."""
     diagnostics = []
@@ -301,10 +278,10 @@ class PredictionOptions(Identifier):
 
     The YAML files say what each option is. A free run accumulates unmodelled forces, hence the
     `ned_force` and the `windage`. `bounds` are `dof.term: [lower, upper]`, in any spelling of the
-    term; the other parameters have physical bounds (`physical_bounds`), and all together physical
-    constraints. Null stands for: `parameters`, the nonzero ones of the nominal table; `ned_force`,
-    a vessel in surge, sway and yaw commanded by forces; `windage`, beside the whole table of a
-    vessel in surge, sway and yaw; `force`, the best one known.
+    term; the other parameters have those of `box`, and all together physical constraints. Null
+    stands for: `parameters`, the nonzero ones of the nominal table; `ned_force`, a vessel in surge,
+    sway and yaw commanded by forces; `windage`, beside the whole table of a vessel in surge, sway
+    and yaw; `force`, the best one known.
     """
 
     free: tuple[str, ...]
@@ -421,12 +398,25 @@ class PredictionOptions(Identifier):
 
         Parameters that are nominally zero have physical bounds by the recording only.
         """
-        lower, upper = np.full(len(free), -np.inf), np.full(len(free), np.inf)
+        upper, table, factor = np.full(len(free), np.inf), free.nominal, self.inertia_factor
+        if factor is not None:
+            upper = WIDE_MULTIPLE * nominal_sizes(free, recording, self.force)
+        lower, diagonal = -upper, dict(zip(table.dofs, np.diag(table.inertia), strict=True))
+        for i, (label, value) in enumerate(zip(free.labels, free.values, strict=True)):
+            if factor is None or label in NED or i >= free.of_devices.start:
+                continue
+            dof, term = parse_label(label, table)
+            k = table.dofs.index(dof)
+            if term.name == table.accelerations[k]:
+                lower[i], upper[i] = value / factor, value * factor
+            elif term.name in table.accelerations:
+                other = table.dofs[table.accelerations.index(term.name)]
+                upper[i] = np.sqrt(diagonal[dof] * diagonal[other])
+                lower[i] = -upper[i]
+            elif value > 0.0 and not table.inputs and dissipates(term, table.velocities[k]):
+                lower[i] = 0.0
         for i, plausible in free.plausible:
             lower[i], upper[i] = plausible.low, plausible.high
-        if self.inertia_factor is not None:
-            sizes = nominal_sizes(free, recording, self.force)
-            lower, upper = physical_bounds(free, sizes, self.inertia_factor)
         for i, label in enumerate(free.labels):
             if label in self.bounds:
                 lower[i], upper[i] = self.bounds[label]
