@@ -85,6 +85,7 @@ class VesselParameters:
     parameters: str | None = None  # name of the parameter set that completes the derivatives
     parameter_sets: dict[str, dict[str, float]] = field(default_factory=dict)
     sources: dict[str, str] = field(default_factory=dict)
+    regressed_on: tuple[str, ...] = ()  # recordings, such as runs/turn*.csv, that numbers are from
     standard_errors: dict[str, float] = field(default_factory=dict)  # of derivatives; not sailed
     inputs: dict[str, Input] = field(default_factory=dict)  # what is commanded instead of forces
     devices: dict[str, Device] = field(default_factory=dict)  # in the order of their flow

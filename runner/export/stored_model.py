@@ -78,7 +78,10 @@ class StoredModel:
             node |= {"prime": None, "restoring": {}, "devices": self._devices}
         if self.model != "nominal":
             node["plant_scale"] = 1.0
-        own = node.get("sources") or {}
+        read, own = self.run.config.get("excitation") or {}, node.get("sources") or {}
+        trained = [*filter(None, [read.get("path")]), *(read.get("train") or ())]
+        if trained and self.model == "identified":
+            node["regressed_on"] = [*node.get("regressed_on", ()), *trained]
         taken = dict.fromkeys(("inertia", "derivatives"), self.source)
         replaced = ("body", "parameter_sets", "parameters", "plant_scale")
         node["sources"] = taken | {

@@ -8,6 +8,7 @@ from seatrial.models.errors import RecordingError
 from seatrial.models.recording.consistency import LEAST_TRUSTED
 from seatrial.models.recording.diagnosis import Examination, examine
 from seatrial.models.recording.recorded_file import RecordedFile
+from seatrial.models.vessel.parameters import VesselParameters
 
 log = logging.getLogger(__name__)
 MAX_EXAMINATIONS = 4  # the trials of a sweep often share a recording
@@ -39,14 +40,18 @@ def refuse(file: RecordedFile, dofs: Sequence[str]) -> None:
             )
 
 
-def diagnostics(file: RecordedFile, dofs: Sequence[str]) -> list[Diagnostic]:
+def diagnostics(file: RecordedFile, vessel: VesselParameters) -> list[Diagnostic]:
     """Warn of every problem in one line, and return what was found as diagnostics."""
-    read, known = file.account(dofs), examined(file, dofs)
+    read, known = file.account(vessel.dofs), examined(file, vessel.dofs)
     left_out = dict.fromkeys(line for signals in read for line in signals.left_out)
     columns = dict.fromkeys(reading[:4] for signals in read for reading in signals.readings)
     problems = known.problems if known else ()
     for line in (*left_out, *problems):
         log.warning("recording: %s", line)
+    own = [path.name for path in file.readers if any(map(path.match, vessel.regressed_on))]
+    if own:
+        model = f"the nominal model of vessel={vessel.name} was itself regressed on"
+        log.warning("recording: %s %s: it is no stranger to them", model, ", ".join(own))
     return [
         *(Diagnostic("recording_left_out", "all", None, i=i, label=line)
           for i, line in enumerate(left_out)),
@@ -55,6 +60,8 @@ def diagnostics(file: RecordedFile, dofs: Sequence[str]) -> list[Diagnostic]:
         *(Diagnostic(f"consistency_{name}", axis.dof, getattr(axis, name))
           for axis in (known.result.axes if known else ()) for name in ("correlation", "scale")),
         *([Diagnostic("consistency_lag", "all", known.result.lag_s, "s")] if known else []),
+        *(Diagnostic("recording_believed", "all", None, i=i, label=name)
+          for i, name in enumerate(own)),
         *(Diagnostic(f"recording_{p.kind}", "all", p.value, i=i, label=str(p))
           for i, p in enumerate(problems)),
     ]  # fmt: skip

@@ -121,7 +121,7 @@ def of_excitation(trial: Trial, problem: Problem, excited: ExcitationData) -> Re
     if isinstance(excitation, RecordedFile):
         for check, (measured, calculated) in quality_checks(recording).items():
             values[f"{check}_error_max"] = np.max(np.abs(measured - calculated), axis=0)
-        diagnostics += recording_checks.diagnostics(excitation, recording.dofs)
+        diagnostics += recording_checks.diagnostics(excitation, trial.vessel)
     rows = metrics("identification", "plant", recording.dofs, values)
     results = Results(rows, diagnostics=diagnostics, series=[recording_series(excited)])
     if isinstance(excitation, OptimalDesign):

@@ -59,6 +59,30 @@ def test_the_identified_model_is_the_plant(
     assert nominal != first  # 60 kg and 20 kg/s in its feedforward
 
 
+def test_a_model_is_no_stranger_to_what_it_was_regressed_on(
+    seatrial: Command, tmp_path: Path, measured: tuple[str, ...]
+) -> None:
+    """The identified model of a run, and a vessel that says so; the nominal one is a stranger."""
+    vessel, *file = measured
+    (tmp_path / "runs").mkdir()
+    shorter = (tmp_path / "measured.csv").read_text().splitlines()[:-1]
+    (tmp_path / "runs" / "other.csv").write_text("\n".join(shorter) + "\n")
+    other = (*file[:1], "excitation.path=runs/other.csv")
+    said = "was itself regressed on {}: it is no stranger to"
+    for words, name in (
+        ((vessel, *file), ""),
+        (("vessel=run:1", *file), "measured.csv"),
+        (("vessel=run:1", *other), ""),
+        ((vessel, *other, "+vessel.regressed_on=[runs/*.csv]"), "other.csv"),
+    ):
+        answer = seatrial(*words, "identifier=ls", "evaluation=none")
+        assert answer.code == 0
+        assert ("was itself regressed on" in answer.err) == bool(name)
+        assert said.format(name) in answer.err or not name
+    query = "SELECT run_id, label FROM diagnostic WHERE name = 'recording_believed' ORDER BY run_id"
+    assert rows(tmp_path, query) == [(2, "measured.csv"), (4, "other.csv")]
+
+
 def test_the_plant_is_not_scaled(
     seatrial: Command, tmp_path: Path, measured: tuple[str, ...]
 ) -> None:
