@@ -28,7 +28,7 @@ from numpy.typing import NDArray
 
 from seatrial.models.diagnostics import Diagnostic
 from seatrial.models.errors import IdentificationError
-from seatrial.models.identification.cross_validation import UNUSABLE
+from seatrial.models.identification.cross_validation import FOLDS, UNUSABLE
 from seatrial.models.identification.free_run import Course, deviations
 from seatrial.models.identification.model_error import ModelError
 from seatrial.models.identification.problem import Identified, Identifier, Problem
@@ -41,7 +41,6 @@ from seatrial.models.vessel.table import Vessel
 from seatrial.models.vessel.thruster import SecondOrderLag
 
 NO_MODEL_ERROR = "no_model_error"  # the diagnostic, whose label is the reason
-LEFT_OUT_GROUPS = 5  # of files, or blocks, that are left out in turn
 KAPPA2 = (1.0, 3.0, 10.0, 30.0, 100.0, 300.0)
 FREEDOM = 4.0  # of Student's t
 LEVEL = 0.9  # at which k makes the deviations right
@@ -279,11 +278,11 @@ def folded(training: Recording, carried: int = 0) -> tuple[Recording, NDArray[np
     turns, so that none has all of the small motions, or blocks of a single recording.
     """
     part, fold = np.zeros(len(training), dtype=np.int64), np.zeros(len(training), dtype=np.int64)
-    for k, split in enumerate(training.folds(carried or LEFT_OUT_GROUPS)):
+    for k, split in enumerate(training.folds(carried or FOLDS)):
         part[split.test] = fold[split.test] = k
     if training.file is not None and training.file[0] != training.file[-1]:
         part = np.unique(training.file, return_inverse=True)[1]
-        fold = fold if carried else part % LEFT_OUT_GROUPS
+        fold = fold if carried else part % FOLDS
     number = np.arange(len(part)) - np.searchsorted(part, part)  # from the beginning of its part
     kept = number < MOST_SAMPLES // (part[-1] + 1)
     return training.part(kept), fold[kept]

@@ -33,7 +33,11 @@ import scipy
 
 from seatrial.models.compiled import kernel
 from seatrial.models.errors import IdentificationError
-from seatrial.models.identification.cross_validation import FoldErrors, one_standard_error_rule
+from seatrial.models.identification.cross_validation import (
+    FOLDS,
+    FoldErrors,
+    one_standard_error_rule,
+)
 from seatrial.models.identification.least_squares import triangle
 from seatrial.models.identification.residual import turns
 from seatrial.models.recording.recording import blocked_k_fold
@@ -46,7 +50,6 @@ DETERMINED = 1e-11  # least ratio of smallest to largest singular value of a reg
 EXCITED = 1e-11  # the same of the inputs' Hankel matrix
 NOISE_FREE = 1e-9  # innovations below this fraction of the output are rounding
 ORDER_FLOOR = 1e-10  # singular values below this fraction of the largest are rounding
-VARIANT_FOLDS = 5
 MAX_SAMPLES = 20_000  # samples that the variant is chosen with: the first ones of a longer record
 FEEDBACK_P = 1e-3  # p-value below which there is feedback
 Alternative = tuple[Variant, bool]  # and whether D is estimated
@@ -424,7 +427,7 @@ def select_variant(
     record = Record(y, u, parts, np.arange(len(y)))
     p_value = feedback_p_value(record, J)
     file = None if file is None else file[:MAX_SAMPLES]
-    splits = blocked_k_fold(len(y), VARIANT_FOLDS, file=file)
+    splits = blocked_k_fold(len(y), FOLDS, file=file)
     samples = np.array([float(np.count_nonzero(test)) for _, test in splits])
     errors = {NAMES[one]: np.ones((len(splits), y.shape[1])) for one in alternatives}
     for i, (train, test) in enumerate(splits):

@@ -7,7 +7,6 @@ import pytest
 
 from seatrial.models.identification import calibration
 from seatrial.models.identification.calibration import (
-    LEFT_OUT_GROUPS,
     NO_MODEL_ERROR,
     NearbyRuns,
     bands,
@@ -16,6 +15,7 @@ from seatrial.models.identification.calibration import (
     nearby_runs,
     squared_accelerations,
 )
+from seatrial.models.identification.cross_validation import FOLDS
 from seatrial.models.identification.free_parameters import free_parameters
 from seatrial.models.identification.free_run import Course
 from seatrial.models.identification.model_error import CORRELATION_S, ModelError, gauss_markov
@@ -201,12 +201,12 @@ def test_files_of_a_series_are_left_out_by_turns_and_models_at_hand_by_folds(noi
     file = np.repeat(np.arange(12), n // 12)
     series = replace(noisy.training.part(slice(0, n)), file=file, file_names=tuple("abcdefghijkl"))
     training, fold = folded(series)
-    assert [set(fold[file == k]) for k in range(12)] == [{k % LEFT_OUT_GROUPS} for k in range(12)]
+    assert [set(fold[file == k]) for k in range(12)] == [{k % FOLDS} for k in range(12)]
     assert len(training) == n
     for k, split in enumerate(series.folds(3)):
         assert set(folded(series, 3)[1][split.test]) == {k}
     long = replace(series, file=np.zeros(n, dtype=np.int64))
-    assert list(np.unique(folded(long)[1])) == list(range(LEFT_OUT_GROUPS))
+    assert list(np.unique(folded(long)[1])) == list(range(FOLDS))
 
 
 def test_of_a_long_recording_the_beginning_of_each_block_is_used(
@@ -214,6 +214,6 @@ def test_of_a_long_recording_the_beginning_of_each_block_is_used(
 ) -> None:
     monkeypatch.setattr(calibration, "MOST_SAMPLES", 500)
     whole, (training, fold) = noisy.training, folded(noisy.training)
-    assert list(np.bincount(fold)) == [100] * LEFT_OUT_GROUPS
-    begins = [float(whole.t[split.test][0]) for split in whole.folds(LEFT_OUT_GROUPS)]
-    assert [float(training.t[fold == k][0]) for k in range(LEFT_OUT_GROUPS)] == begins
+    assert list(np.bincount(fold)) == [100] * FOLDS
+    begins = [float(whole.t[split.test][0]) for split in whole.folds(FOLDS)]
+    assert [float(training.t[fold == k][0]) for k in range(FOLDS)] == begins

@@ -47,6 +47,13 @@ def test_a_constant_force_is_chosen_and_recovered(constant, identifier) -> None:
 
 
 @pytest.mark.slow
+@pytest.mark.parametrize("seed", [0, 3, 5, 12])  # of three blocks, one hid what the others say
+def test_a_constant_force_is_chosen_beside_noise(identifier, seed: int) -> None:
+    problem, _ = excited("disturbance=[constant,noise]", f"seed={seed}")
+    assert chosen(identifier("robust").identify(problem, np.random.default_rng(0))) == "[ned_force]"
+
+
+@pytest.mark.slow
 def test_a_wind_is_chosen_and_recovered(identifier) -> None:
     """Wind areas to a thousandth; damping to what a lap shows beside a wind of its own noise."""
     problem, truth = excited("disturbance=wind")
