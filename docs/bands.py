@@ -4,8 +4,9 @@ It prints `results/bands.json`. `python -m docs.bands --write` computes it again
 of each case are identified, and it is counted how many of the states that were measured on the test
 files lie in the band of nominal 90 % about the free run, and how many of the measures of their
 manoeuvres in their intervals; beside it what the data leave open of the parameters alone. Width of
-a band and CRPS (`benchmark.crps`) are relative to the deviation of the signal within its file. With
---data, --identifier or --case only a part is computed, and the rest of the file is kept.
+a band and CRPS (`benchmark.crps`) are relative to the deviation of the signal within its file; FIT
+is that of the velocities in the free runs, the mean of the cases, beside that of the nominal model.
+With --data, --identifier or --case only a part is computed, and the rest of the file is kept.
 """
 
 import json
@@ -24,10 +25,11 @@ from docs.pages.markdown import table
 from seatrial.models.errors import SeatrialError
 from seatrial.models.identification.calibration import bands, calibrated
 from seatrial.models.identification.problem import Identified, Problem
-from seatrial.models.identification.validation import prediction
+from seatrial.models.identification.validation import combined, prediction, scores
 from seatrial.models.notation import OrderedManoeuvre
 from seatrial.models.simulation.manoeuvre_sheet import COMPARED, DIAGNOSTIC
 from seatrial.models.vessel.basis import Array
+from seatrial.models.vessel.table import Vessel
 from seatrial.runner.compare.benchmark import BAND_LEVEL, cells, crps, half_width, task_of
 from seatrial.runner.trials.closed_loop import Streams
 from seatrial.runner.trials.manoeuvre_results import recorded_manoeuvres
@@ -100,6 +102,7 @@ class Row:
     alone: Scored | None  # None: there is no distribution, or it diverges
     both: Scored | None
     seconds: float
+    fit: tuple[float, float]  # of the velocities [%], identified and nominal
     note: str = ""
 
 
@@ -152,6 +155,17 @@ def _errors(identified: Identified, problem: Problem) -> tuple[Array, Array] | N
     return (errors / moved)[kept], (deviation / moved)[kept]
 
 
+def fit(model: Vessel, problem: Problem) -> float:
+    """FIT [%] of the velocities in free runs, mean of axes and files; -inf if one diverges."""
+    fits = []
+    for part in (problem.validation.by_file() or {"": problem.validation}).values():
+        run = prediction(model, part, problem.thruster)
+        ahead = run.over("free_run")
+        own = np.split(scores(ahead, run.mean_motion()).fit, 2)[1]
+        fits.append(-np.inf if ahead.diverged else combined(own))
+    return float(np.mean(fits))
+
+
 def scored(identified: Identified, problem: Problem, length_m: float) -> Scored | None:
     """What is counted of a distribution."""
     found = errors_of(identified, problem)
@@ -200,7 +214,8 @@ def row_of(data: str, case: str, entrant: str, options: Sequence[str]) -> Row:
     length = trial.vessel.scales.length_m
     alone = scored(identified, problem, length)
     done = None if both.model_error is None else scored(both, problem, length)
-    return Row(data, case, entrant, alone, done, seconds, "; ".join(notes))
+    fits = fit(identified.model, problem), fit(problem.nominal, problem)
+    return Row(data, case, entrant, alone, done, seconds, fits, "; ".join(notes))
 
 
 def share(count: Count) -> str:
@@ -216,7 +231,13 @@ def shown(rows: Sequence[Row]) -> str:
         for entrant in dict.fromkeys(row.entrant for row in rows if row.data == data):
             own = [row for row in rows if (row.data, row.entrant) == (data, entrant)]
             known = [row for row in own if row.both is not None]
-            line = [title, f"`{entrant}`"]
+            fits = np.array([row.fit for row in own])
+            better = f"{np.sum(fits[:, 0] > fits[:, 1])} of {len(own)}"
+            line = [
+                title,
+                f"`{entrant}`",
+                ", ".join([*map("{:.1f}".format, fits.mean(axis=0)), better]),
+            ]
             for name in ("velocity", "pose"):
                 for which in ("alone", "both"):
                     found = [getattr(row, which) for row in known]
@@ -232,8 +253,8 @@ def shown(rows: Sequence[Row]) -> str:
                 f"{np.median([row.seconds for row in own]):.1f}",
             ]
             lines.append(line)
-    headers = ["data", "identifier", "velocity: data alone", "with model error",
-               "pose: data alone", "with model error", "measures: data alone",
+    headers = ["data", "identifier", "FIT [%], of `none`, better", "velocity: data alone",
+               "with model error", "pose: data alone", "with model error", "measures: data alone",
                "with model error", "cases", "CPU [s]"]  # fmt: skip
     return table(headers, lines)
 
@@ -252,6 +273,7 @@ def _row(held: Mapping[str, object]) -> Row:
         if isinstance(one, Mapping):
             counts = (Count(**one["velocity"]), Count(**one["pose"]))
             own[which] = Scored(*counts, tuple(one["measures"]))
+    own["fit"] = tuple(own["fit"])  # type: ignore[arg-type]
     return Row(**own)  # type: ignore[arg-type]
 
 

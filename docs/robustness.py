@@ -1,7 +1,8 @@
 """The robustness tables of docs/identification.md: `python -m docs.robustness`.
 
 They are read from the logbook of `make robustness`. All errors are those of velocities on the
-held-out part, predicted by free runs that begin again at the measured state every 30 s.
+held-out part, predicted by free runs that begin again at the measured state every 30 s, or
+sooner where errors of the nominal model grow fast (`validation.restart_length`).
 """
 
 import math

@@ -138,9 +138,11 @@ def test_white_errors_of_known_size_are_counted(deviation: float) -> None:
 
 def test_rows_are_kept_and_replaced_by_case(tmp_path: Path) -> None:
     part = Scored(bands.Count(10, 9.0, 20.0, 1.0), bands.Count(10, 5.0, 40.0, 4.0), (3, 4))
-    row = Row("ferry", "noise 0", "auto", part, part, 1.5)
+    row = Row("ferry", "noise 0", "auto", part, part, 1.5, (60.0, 20.0))
     file = tmp_path / "bands.json"
-    bands.write([row, replace(row, case="noise 1", both=None, note="it diverges")], file)
+    bands.write(
+        [row, replace(row, case="noise 1", both=None, fit=(10.0, 30.0), note="it diverges")], file
+    )
     bands.write([replace(row, seconds=2.5)], file)
     kept = bands.read(file)
     assert [(each.case, each.seconds) for each in kept] == [("noise 0", 2.5), ("noise 1", 1.5)]
@@ -148,7 +150,8 @@ def test_rows_are_kept_and_replaced_by_case(tmp_path: Path) -> None:
     line = bands.shown(kept).splitlines()[-1]
     assert "0.90, 2.00, 0.100" in line
     assert "3 of 4" in line
-    assert "1 of 2" in line  # cases
+    assert "1 of 2 |" in line  # cases
+    assert "35.0, 25.0, 1 of 2" in line  # FIT
 
 
 def test_crps_is_the_integral_of_the_squared_difference_of_distributions() -> None:

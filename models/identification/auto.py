@@ -23,13 +23,14 @@ from functools import cached_property
 
 import numpy as np
 
-from seatrial.models.diagnostics import Diagnostic
+from seatrial.models.diagnostics import DID_NOT_MOVE, WORSE_THAN_NOMINAL, Diagnostic
 from seatrial.models.errors import ConfigurationError
 from seatrial.models.identification.cross_validation import (
     UNUSABLE,
     BlockScore,
     CrossValidation,
     FoldErrors,
+    choice,
     error_diagnostics,
     mixed_table,
     one_standard_error_rule,
@@ -53,7 +54,6 @@ from seatrial.models.vessel.basis import Term
 from seatrial.models.vessel.table import Vessel
 
 NONE = "none"
-WORSE_THAN_NOMINAL = "worse_than_nominal"  # the diagnostic of an axis
 NO_SKILL = "no_skill"
 
 
@@ -102,20 +102,13 @@ class Auto(Identifier):
             found = _fallback(problem, "no candidate predicts the blocks left out better")
         errors = {NONE: blocks.nominal, **{name: score.errors for name, score in scores.items()}}
         refused = (f"{name}: {reason}" for name, reason in reasons.items())
-        rows = zip(blocks.axes, errors[chosen].nrmse, blocks.nominal.nrmse, strict=True)
-        dofs, changed = problem.nominal.dofs, np.any(found.residual.theta, axis=0)
-        what = "NRMSE of blocks left out (of the nominal model; 1 is the mean motion)"
-        own = ", ".join(f"{dofs[k]} {error:.2f} ({other:.2f})" for k, error, other in rows)
-        note = f"auto: {chosen}; {what}: {own}"
-        if kept := [dofs[k] for k in np.flatnonzero(~changed) if chosen != NONE]:
-            note += f"; nominal equations: {', '.join(kept)}"
         found = replace(
             found,
             diagnostics=(
                 *found.diagnostics, *error_diagnostics(errors, blocks, chosen),
                 *(Diagnostic("left_out", "all", 1.0, label=why) for why in refused),
             ),
-            notes=(*found.notes, note),
+            notes=(*found.notes, choice(chosen, errors[chosen], blocks)),
             fold_models=scores[chosen].models if chosen in scores else (),
         )  # fmt: skip
         return with_skill(found, blocks, errors[chosen], "the blocks left out")
@@ -177,7 +170,7 @@ def _first_that_holds(
         except UNUSABLE as error:
             reasons[name] = f"on the whole training part: {error}"
             continue
-        result = with_nominal_axes(result, problem.nominal, still, "did_not_move")
+        result = with_nominal_axes(result, problem.nominal, still, DID_NOT_MOVE)
         result = held_to_nominal(result, scores[name], problem)
         if np.any(result.residual.theta) or result.model.devices != problem.nominal.devices:
             return name, with_interval(candidates[name], result)
@@ -229,10 +222,6 @@ def identified(identifier: Identifier, problem: Problem, rng: np.random.Generato
         return result
     score = whole.score([result.model], together=result.state_space is not None)
     result = held_to_nominal(result, score, problem)
-    if kept := [f.dof for f in result.diagnostics if f.name == WORSE_THAN_NOMINAL]:
-        why = "there the identified ones simulate the training part worse, or without skill"
-        note = f"nominal equations: {', '.join(kept)}; {why}"
-        result = replace(result, notes=(*result.notes, note))
     return with_skill(result, whole, score.errors, "the training part")
 
 

@@ -28,7 +28,7 @@ from numpy.typing import NDArray
 
 from seatrial.models.diagnostics import Diagnostic
 from seatrial.models.errors import IdentificationError
-from seatrial.models.identification.cross_validation import FOLDS, UNUSABLE
+from seatrial.models.identification.cross_validation import FOLDS, UNUSABLE, mixed_table
 from seatrial.models.identification.free_run import Course, deviations
 from seatrial.models.identification.model_error import ModelError
 from seatrial.models.identification.problem import Identified, Identifier, Problem
@@ -200,6 +200,9 @@ def _calibrate(identifier: Identifier, problem: Problem, identified: Identified)
         part = training.part(fold != k)
         known = replace(problem, training=part, validation=part, compared=True)
         models.append(identifier.identify(known, np.random.default_rng(0)).model)
+    nominal, own = problem.nominal, np.any(identified.residual.theta, axis=0)
+    if identified.model.devices == nominal.devices and not np.all(own):  # as in the result
+        models = [mixed_table(each, nominal, np.flatnonzero(~own).tolist()) for each in models]
     runs = nearby_runs(identified.model, training, problem.thruster)
     if runs.own.free_run[1]:
         raise IdentificationError("its free run diverges over the training part")

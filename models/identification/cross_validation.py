@@ -281,7 +281,19 @@ def best_of(
     chosen = one_standard_error_rule(errors)
     result = alternatives[chosen].identify(validation.problem, rng)
     found = (*result.diagnostics, *error_diagnostics(errors, validation, chosen))
-    return replace(result, diagnostics=found, fold_models=scores[chosen].models)
+    note = choice(chosen, errors[chosen], validation)
+    return replace(
+        result, diagnostics=found, notes=(*result.notes, note), fold_models=scores[chosen].models
+    )
+
+
+def choice(name: str, errors: FoldErrors, validation: CrossValidation) -> str:
+    """What was chosen, with its errors beside those of the nominal model, in one line."""
+    dofs = validation.problem.nominal.dofs
+    rows = zip(validation.axes, errors.nrmse, validation.nominal.nrmse, strict=True)
+    own = ", ".join(f"{dofs[k]} {error:.2f} ({other:.2f})" for k, error, other in rows)
+    what = "NRMSE of blocks left out (of the nominal model; 1 is the mean motion)"
+    return f"chosen: {name}; {what}: {own}"
 
 
 def error_diagnostics(

@@ -283,7 +283,7 @@ class Dsr(Identifier):
         forced = replace(model, B=model.B[:, :r], D=model.D[:, :r], inputs=model.inputs[:r])
         return Identified(
             vessel, vessel - nominal, errors, tuple(diagnostics), state_space=model,
-            control_model=forced if usable else None,
+            control_model=forced if usable else None, notes=(f"dsr: {NAMES[method]}",),
         )  # fmt: skip
 
     def _outputs(self, dofs: tuple[str, ...]) -> tuple[str, ...]:

@@ -229,7 +229,7 @@ class Nsga2(PredictionOptions):
         chosen, rule = choose(result.front, self.decision, self.weights)
         diagnostics = front_diagnostics(free, objectives, result)
         diagnostics.append(Diagnostic("pareto_chosen", "all", float(chosen), i=chosen, label=rule))
-        point = result.points[chosen]
+        point, note = result.points[chosen], f"nsga2: point {chosen} of its front by `{rule}`"
         if self.polish is None:
             identified = Identified(
                 free.model(problem.nominal, point), free.residual(point),
@@ -243,9 +243,11 @@ class Nsga2(PredictionOptions):
             misfits = np.sqrt(np.mean(squares, axis=1)).tolist()  # of free runs, over the spread
             for label, misfit in zip(("before", "after"), misfits, strict=True):
                 diagnostics.append(Diagnostic("polish_misfit", "all", misfit, label=label))
-            point = points[1]
+            point, gain = points[1], "misfit {:.3g} -> {:.3g} of the spread".format(*misfits)
+            note += f", polished from there: {gain}"
         diagnostics += objective_diagnostics(objectives, point)
-        return replace(identified, diagnostics=(*diagnostics, *identified.diagnostics))
+        notes, diagnostics = (note, *identified.notes), [*diagnostics, *identified.diagnostics]
+        return replace(identified, notes=notes, diagnostics=tuple(diagnostics))
 
 
 def front_diagnostics(

@@ -13,7 +13,7 @@ from typing import Literal, Self
 
 import numpy as np
 
-from seatrial.models.diagnostics import Diagnostic
+from seatrial.models.diagnostics import NOT_EXCITED, Diagnostic
 from seatrial.models.errors import ConfigurationError, IdentificationError
 from seatrial.models.identification.free_parameters import (
     WINDAGE,
@@ -100,7 +100,7 @@ class Robust(ResidualOptions):
         model = Structure(free, samples, training.nu, self.inertia_factor)
         change, active = model.regress(self.prior)
         diagnostics += (Diagnostic("smoothing", "all", self.smoothing(training).signals_hz, "Hz"),)
-        diagnostics += tuple(Diagnostic("not_excited", dof, 1.0) for dof in unexcited)
+        diagnostics += tuple(Diagnostic(NOT_EXCITED, dof, 1.0) for dof in unexcited)
         residual = free.residual(free.values + change)
         result = Identified(problem.nominal + residual, residual, diagnostics=diagnostics)
         if self.refinement == "free_run":

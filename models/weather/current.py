@@ -45,6 +45,9 @@ class Current(Stream):
             raise ConfigurationError(
                 f"speed_m_s must not be above max_m_s = {self.max_m_s:g}, got {self.speed_m_s:g}"
             )
+        if self.moment_deviation_nm and self.variation != "slow":
+            got = f"got {self.moment_deviation_nm:g} with variation={self.variation}"
+            raise ConfigurationError(f"moment_deviation_nm: {got}, expected variation=slow")
 
     def check(self, dofs: Sequence[str], duration_s: float = 0.0) -> None:
         """Raise ConfigurationError for a yaw moment on a vessel that does not turn."""
@@ -74,7 +77,7 @@ class Current(Stream):
     ) -> Weather:
         """The weather with this stream and its yaw moment, which is drawn after the velocity."""
         weather = super().added(weather, dofs, period_s, rng)
-        if self.variation == "slow" and self.moment_deviation_nm:
+        if self.moment_deviation_nm:
             force = weather.force_ned.copy()
             force[:, list(dofs).index("yaw")] += first_order(
                 len(force), period_s, self.moment_deviation_nm, self.time_constant_s, rng

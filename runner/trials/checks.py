@@ -42,9 +42,9 @@ def check(trial: Trial) -> None:
     else:
         _check_simulated(trial)
     check_cutoff(identifier.needs().lowpass_hz, period)
+    model_period = identifier.model_period_s(period)
     if controller is not None:
         controller.build(commanded(nominal, controller), trial.sample_time_s)
-        model_period = identifier.model_period_s(period)
         if model_period and controller.takes_state_space and skipped(trial) is None:
             period = controller.command_rows(trial.sample_time_s) * trial.sample_time_s
             multiple = max(round(period / model_period), 1)

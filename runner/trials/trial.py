@@ -11,7 +11,7 @@ from time import perf_counter
 
 import numpy as np
 
-from seatrial.models.diagnostics import TRAINING_TIME, Diagnostic
+from seatrial.models.diagnostics import TRAINING_TIME, Diagnostic, nominal_equations
 from seatrial.models.errors import Diverged
 from seatrial.models.excitation.information import Persistence, log_det, persistence
 from seatrial.models.excitation.optimal_design import OptimalDesign
@@ -213,7 +213,7 @@ def identify(trial: Trial, problem: Problem, seeds: Streams) -> Identified:
     if trial.model_error:
         result = calibrated(identifier, problem, result)
     result = with_interval(identifier, replace(result, diagnostics=(*result.diagnostics, seconds)))
-    for note in result.notes:
+    for note in filter(None, (*result.notes, nominal_equations(result.diagnostics))):
         log.info("identification: %s", note)
     warn("identification: {}", result.warnings)
     unknown = [one.label for one in result.diagnostics if one.name == NO_MODEL_ERROR]

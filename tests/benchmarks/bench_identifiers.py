@@ -1,4 +1,4 @@
-"""Every identifier on recordings of 10^3 to 10^6 samples: time, peak memory, and their growth.
+"""Identifiers on recordings of 10^3 to 10^6 samples: time, peak memory, and their growth.
 
 The ferry on its laps with PRBS and noise at 0.1 s; each identifier and size in a process of its
 own (`identify`), as configured unless a row says otherwise. One that would take longer than a

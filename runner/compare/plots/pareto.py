@@ -12,6 +12,7 @@ from typing import Any
 import numpy as np
 import pandas as pd
 
+from seatrial.models.diagnostics import NOMINAL_EQUATION
 from seatrial.runner.compare.figures import Figure, PlotRequest
 from seatrial.runner.compare.frame import Queries
 from seatrial.runner.compare.grid import with_unit
@@ -31,7 +32,7 @@ RING: dict[str, Any] = {"fillstyle": "none", "color": "black", "zorder": 4, "lin
 
 
 def _drawing(results: Queries, request: PlotRequest, facet: Facet) -> style.Drawing | None:
-    frame = facet.diagnostics(results, (OBJECTIVE, CHOSEN, DEPLOYED))
+    frame = facet.diagnostics(results, (OBJECTIVE, CHOSEN, DEPLOYED, *NOMINAL_EQUATION))
     points = frame[(frame["name"] == OBJECTIVE) & frame["i"].notna()]
     objectives = points.drop_duplicates("j").set_index("j").sort_index()
     every, dofs = [*combinations(objectives.index, 2)], objectives["dof"]
@@ -70,6 +71,10 @@ def _drawing(results: Queries, request: PlotRequest, facet: Facet) -> style.Draw
     left_out = f"; {len(pairs)} of {len(every)} pairs" if len(pairs) < len(every) else ""
     made = "; diamond: what the polish made of it" if polished else ""
     notes = [f"circle: the chosen point{made}{seeds}{left_out}"]
+    if kept := [*frame.loc[frame["name"].isin([*NOMINAL_EQUATION]), "dof"].unique()]:
+        notes.append(
+            f"deployed with the nominal equations of {', '.join(kept)}, which are not drawn"
+        )
     return style.drawing_of(facet.file("pareto"), figure, axes, facet.title("Pareto set"), notes)
 
 

@@ -81,6 +81,7 @@ def test_it_works_or_says_why_not(vessel: str, identifier: str) -> None:
         ("surge_linear", "ls", "lowpass_hz=9", "lowpass_hz must lie between 0 and 5"),
         ("surge_linear", "ls", "basis=[u_dot,v]", "term v has v, but surge_linear moves in surge"),
         ("surge_linear", "output_error", "force=filtered", "force: got filtered, but surge_linear"),
+        ("surge_linear", "dsr", "period_s=0.25", "period_s: got 0.25 s, expected a multiple of"),
         ("milliampere", "iv", "wind_measurement=true", "the recorded file has no wind"),
     ],
 )

@@ -1,9 +1,10 @@
 """Noise-free recordings of the exact structure: every coefficient that they excite is found.
 
 Of the ferry, a supply vessel, a remotely operated vehicle, a tug as `seatrial init` drafts it, and
-a tanker by its rudder and propeller. The nominal model is wrong by a factor. The inertia of the
-tanker is right: a rudder acts on sway and yaw in a fixed proportion, so that any multiple of one
-equation may be added to the other.
+a tanker by its rudder and propeller; these two are directionally unstable. The nominal model is
+wrong by a factor. The inertia of the tanker is right: a rudder acts on sway and yaw in a fixed
+proportion, so that any multiple of one equation may be added to the other. A fit of free runs,
+whose inertia is free, has no data that tell which: the prior decides.
 """
 
 from dataclasses import replace
@@ -15,6 +16,7 @@ import yaml
 from hydra import compose, initialize_config_dir
 from omegaconf import OmegaConf
 
+from seatrial.models.identification.auto import identified
 from seatrial.models.identification.problem import Problem
 from seatrial.models.vessel.basis import evaluate
 from seatrial.models.vessel.table import Vessel
@@ -33,6 +35,7 @@ RECORDINGS = {
     "beluga_linear": ("excitation=multisine", "controller=none"),
     "kvlcc2": ("excitation=rudder_prbs", "controller=none"),
 }
+IDENTIFIERS = {"ls": 1e-3, "iv": 1e-3, "output_error": 1e-3, "robust": 5e-3, "auto": 5e-3}
 SCALE = 0.8  # of the true coefficients over the nominal ones
 EXCITED = 1e-2  # share of the force of an axis, from which a term is to be found
 
@@ -78,16 +81,18 @@ def excited(problem: Problem, truth: Vessel) -> np.ndarray:
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("identifier", ["ls", "iv"])
+@pytest.mark.parametrize("identifier", IDENTIFIERS)
 @pytest.mark.parametrize("vessel", RECORDINGS)
 def test_what_the_data_excite_is_found(vessel: str, identifier: str) -> None:
     problem, truth = recorded(vessel)
+    if truth.inputs and identifier not in ("ls", "iv"):
+        pytest.skip("free runs identify the inertia too")
     options = trial(vessel, identifier).identifier
     if truth.inputs:  # by default its terms are others
         terms = (term.name for term in truth.terms if term.name not in truth.accelerations)
         options = replace(options, basis=tuple(terms))
-    found = options.identify(problem, np.random.default_rng(0))
+    found = identified(options, problem, np.random.default_rng(0))
     shown = excited(problem, truth)
     error = found.model.on(truth.terms).theta / np.where(truth.theta == 0.0, 1.0, truth.theta)
     assert np.count_nonzero(shown) >= len(truth.dofs)
-    np.testing.assert_allclose(error[shown], 1.0, atol=1e-3)
+    np.testing.assert_allclose(error[shown], 1.0, atol=IDENTIFIERS[identifier])

@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 
 from seatrial.models.identification import calibration
+from seatrial.models.identification.auto import identified
 from seatrial.models.identification.calibration import (
     NO_MODEL_ERROR,
     NearbyRuns,
@@ -217,3 +218,20 @@ def test_of_a_long_recording_the_beginning_of_each_block_is_used(
     assert list(np.bincount(fold)) == [100] * FOLDS
     begins = [float(whole.t[split.test][0]) for split in whole.folds(FOLDS)]
     assert [float(training.t[fold == k][0]) for k in range(FOLDS)] == begins
+
+
+@pytest.mark.slow
+def test_the_model_error_is_that_of_the_equations_that_are_kept() -> None:
+    """The force has the wrong sign: the nominal model is the result, and it is what is judged."""
+    problem = excited(*SURGE, "disturbance=noise")[0]
+    turned = replace(problem.training, tau=-3.0 * problem.training.tau)
+    problem = replace(problem, training=turned)
+    ls = asked_for(*SURGE, "identifier=ls").identifier
+    found = identified(ls, problem, np.random.default_rng(0))
+    np.testing.assert_array_equal(found.residual.theta, 0.0)
+    error = calibrated(ls, problem, found).model_error
+    nominal = replace(found, fold_models=(problem.nominal,) * FOLDS)
+    expected = calibrated(ls, problem, nominal).model_error
+    assert error is not None
+    assert expected is not None
+    np.testing.assert_allclose(error.force, expected.force)

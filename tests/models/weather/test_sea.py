@@ -61,6 +61,9 @@ def test_a_yaw_moment_needs_a_vessel_that_turns() -> None:
     Disturbance(current=current).check(PLANAR)
     with pytest.raises(ConfigurationError, match="moment_deviation_nm: got 200000, expected 0"):
         Disturbance(current=current).check(("surge",))
+    for variation in ("constant", "white"):
+        with pytest.raises(ConfigurationError, match="moment_deviation_nm: got 200000 with"):
+            replace(current, variation=variation)
 
 
 @pytest.mark.parametrize("variation", ["slow", "constant"])
