@@ -122,7 +122,11 @@ next: $(VENV)/demo.stamp
 	$(BIN)/python docs/refresh.py docs.next_trials
 
 coverage: $(VENV)/demo.stamp
-	$(BIN)/python -m docs.coverage --seeds $(COVERAGE_SEEDS) --write
+	$(BIN)/python -m docs.coverage --seeds $(COVERAGE_SEEDS) --write \
+	    $(foreach name,robust iv ls ridge plsr,--identifier $(name))
+	$(BIN)/python -m docs.coverage --seeds $(COVERAGE_SEEDS) --write --identifier output_error --disturbance noise
+	$(BIN)/python -m docs.coverage --seeds $(FEW_SEEDS) --write --identifier output_error \
+	    --disturbance '[constant,noise]' --disturbance '[wind,noise]'
 	$(BIN)/python docs/refresh.py docs.coverage
 
 bands: $(VENV)/demo.stamp
