@@ -156,14 +156,11 @@ def _errors(identified: Identified, problem: Problem) -> tuple[Array, Array] | N
 
 
 def fit(model: Vessel, problem: Problem) -> float:
-    """FIT [%] of the velocities in free runs, mean of axes and files; -inf if one diverges."""
-    fits = []
-    for part in (problem.validation.by_file() or {"": problem.validation}).values():
-        run = prediction(model, part, problem.thruster)
-        ahead = run.over("free_run")
-        own = np.split(scores(ahead, run.mean_motion()).fit, 2)[1]
-        fits.append(-np.inf if ahead.diverged else combined(own))
-    return float(np.mean(fits))
+    """FIT [%] of the velocities in the free runs, the mean of the axes; -inf if one diverges."""
+    run = prediction(model, problem.validation, problem.thruster)
+    ahead = run.over("free_run")
+    own = np.split(scores(ahead, run.mean_motion()).fit, 2)[1]
+    return -np.inf if ahead.diverged else combined(own)
 
 
 def scored(identified: Identified, problem: Problem, length_m: float) -> Scored | None:
