@@ -205,8 +205,7 @@ class HeldSpread(Spread):
         self, result: Identified, rng: np.random.Generator, share: float = 1.0, kappa2: float = 1.0
     ) -> Vessel:
         """The model drawn, with the nominal equations."""
-        drawn = self.spread.draw(result, rng, share, kappa2)
-        return mixed_table(drawn, self.nominal, self.axes)
+        return mixed_table(self.spread.draw(result, rng, share, kappa2), self.nominal, self.axes)
 
 
 def identified(identifier: Identifier, problem: Problem, rng: np.random.Generator) -> Identified:

@@ -138,8 +138,7 @@ def search(
 def normalised(front: Array) -> Array:
     """(f - ideal) / (nadir - ideal), shape (n, n_objectives)."""
     ideal, nadir = front.min(axis=0), front.max(axis=0)
-    extent = np.where(nadir > ideal, nadir - ideal, 1.0)
-    return np.asarray((front - ideal) / extent)
+    return np.asarray((front - ideal) / np.where(nadir > ideal, nadir - ideal, 1.0))
 
 
 def knees(front: Array) -> NDArray[np.int64]:
@@ -179,8 +178,7 @@ def choose(front: Array, decision: Decision, weights: tuple[float, ...] | None) 
     indices = knees(front) if decision == "knee" else np.zeros(0, dtype=np.int64)
     rule = "knee" if len(indices) else "ideal"
     indices = indices if len(indices) else np.arange(len(front))
-    distance = np.linalg.norm(normalised(front)[indices], axis=1)
-    return int(indices[np.argmin(distance)]), rule
+    return int(indices[np.argmin(np.linalg.norm(normalised(front)[indices], axis=1))]), rule
 
 
 @dataclass(frozen=True)

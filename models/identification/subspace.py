@@ -485,5 +485,4 @@ def relative_squares(model: StateSpace, record: Record, simulated: bool) -> Arra
         ]
         square = np.mean((np.vstack(predicted) - record.y) ** 2, axis=0)
     variance = np.var(record.y, axis=0)
-    ratio = np.divide(square, variance, out=np.zeros_like(square), where=variance > 0.0)
-    return np.asarray(ratio)
+    return np.asarray(np.divide(square, variance, out=np.zeros_like(square), where=variance > 0.0))
