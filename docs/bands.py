@@ -229,12 +229,9 @@ def shown(rows: Sequence[Row]) -> str:
             own = [row for row in rows if (row.data, row.entrant) == (data, entrant)]
             known = [row for row in own if row.both is not None]
             fits = np.array([row.fit for row in own])
+            own_fit, of_none = fits.mean(axis=0)
             better = f"{np.sum(fits[:, 0] > fits[:, 1])} of {len(own)}"
-            line = [
-                title,
-                f"`{entrant}`",
-                ", ".join([*map("{:.1f}".format, fits.mean(axis=0)), better]),
-            ]
+            line = [title, f"`{entrant}`", f"{own_fit:.1f}, {of_none:.1f}, {better}"]
             for name in ("velocity", "pose"):
                 for which in ("alone", "both"):
                     found = [getattr(row, which) for row in known]
